@@ -1,0 +1,21 @@
+//! The mathematics of echogrid: what is computed, and nothing of how it gets there.
+//!
+//! There is no I/O, clock, thread, file or message in this crate, so nothing here can fail for
+//! an outside reason: it takes values and gives values. Equation numbers are those of the paper
+//! named in `docs/` ("Probabilistic Mapping by Fusion of Range-Finders Sensors and Odometry").
+//! Units are SI, angles counter-clockwise in (-π, π].
+
+pub mod angle;
+pub mod config;
+pub mod grid;
+pub mod pose;
+pub mod raster;
+pub mod reading;
+pub mod robot;
+
+pub use angle::wrap_angle;
+pub use grid::{CellIndex, Grid, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
+pub use pose::Pose2;
+pub use raster::Raster;
+pub use reading::{Echo, Reading};
+pub use robot::{Footprint, Robot, Sensor, SensorKind, Transducer};

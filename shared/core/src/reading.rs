@@ -1,0 +1,26 @@
+//! What a range sensor says.
+
+/// A reading is one of three things, never a magic number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Echo {
+    /// Something answered at this range, metres from the transducer.
+    Hit {
+        /// Metres, finite and positive.
+        range_m: f64,
+    },
+    /// Nothing came back within the range the sensor can see at all.
+    NoEcho,
+    /// Below the sensor's minimum, a fault, a stalled transducer: says nothing about the world.
+    Invalid,
+}
+
+/// One reading of one transducer (a sonar, or one beam of a lidar).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Index into the robot's transducers (see [`crate::Robot::transducer`]).
+    pub transducer: u16,
+    /// What it heard.
+    pub echo: Echo,
+    /// When it heard it, nanoseconds after the stamp of its scan (sonars fire in turn).
+    pub offset_ns: i32,
+}

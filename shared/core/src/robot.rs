@@ -1,0 +1,103 @@
+//! Where the sensors sit on the robot, and what they can see.
+
+use serde::{Deserialize, Serialize};
+
+use crate::pose::Pose2;
+
+/// What kind of range sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorKind {
+    /// A wide cone of sound; the first echo counts.
+    Sonar,
+    /// A narrow beam of light.
+    Lidar,
+}
+
+/// A sensor: one sonar, or a lidar with all its beams.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sensor {
+    /// Sonar or lidar.
+    pub kind: SensorKind,
+    /// Mount pose: the sensor's frame seen from the robot's base (x forward, y left).
+    pub base_from_sensor: Pose2,
+    /// Index of its first transducer among the robot's.
+    pub first_transducer: u16,
+    /// How many transducers: 1 for a sonar, the beams of a lidar.
+    pub transducers: u16,
+    /// Bearing of the first transducer in the sensor's frame, radians.
+    pub first_bearing_rad: f64,
+    /// Bearing from one transducer to the next, radians, positive counter-clockwise.
+    pub bearing_step_rad: f64,
+    /// Full aperture β of one transducer's cone, radians.
+    pub aperture_rad: f64,
+    /// Nearest range that the sensor can measure, metres.
+    pub range_min_m: f64,
+    /// The range to which it can see at all (r_cap), metres.
+    pub range_max_m: f64,
+    /// Range error η as a share of the range (1 % for the paper's sonars).
+    pub range_error_ratio: f64,
+}
+
+/// The rectangle that the robot covers on the floor, centred on its base.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Footprint {
+    /// Along x, metres.
+    pub length_m: f64,
+    /// Along y, metres.
+    pub width_m: f64,
+}
+
+/// What the other processes need to know of a robot.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Robot {
+    /// Its name, for people.
+    pub name: String,
+    /// Zero where unknown.
+    pub footprint: Footprint,
+    /// All range sensors, in the order of their transducers.
+    pub sensors: Vec<Sensor>,
+}
+
+/// One transducer of a robot, resolved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Transducer {
+    /// Sonar or lidar.
+    pub kind: SensorKind,
+    /// Its frame (x along the beam) seen from the robot's base.
+    pub base_from_transducer: Pose2,
+    /// Full aperture β, radians.
+    pub aperture_rad: f64,
+    /// Nearest measurable range, metres.
+    pub range_min_m: f64,
+    /// r_cap, metres.
+    pub range_max_m: f64,
+    /// η.
+    pub range_error_ratio: f64,
+}
+
+impl Robot {
+    /// Transducer `index`, or none if the robot has no such transducer.
+    #[must_use]
+    pub fn transducer(&self, index: u16) -> Option<Transducer> {
+        let sensor = self.sensors.iter().find(|s| {
+            index >= s.first_transducer && u32::from(index) < u32::from(s.first_transducer) + u32::from(s.transducers)
+        })?;
+        let beam = f64::from(index - sensor.first_transducer);
+        let bearing = sensor.first_bearing_rad + beam * sensor.bearing_step_rad;
+        Some(Transducer {
+            kind: sensor.kind,
+            base_from_transducer: sensor.base_from_sensor * Pose2::new(0.0, 0.0, bearing),
+            aperture_rad: sensor.aperture_rad,
+            range_min_m: sensor.range_min_m,
+            range_max_m: sensor.range_max_m,
+            range_error_ratio: sensor.range_error_ratio,
+        })
+    }
+
+    /// How many transducers it has in all.
+    #[must_use]
+    pub fn transducer_count(&self) -> usize {
+        self.sensors.iter().map(|s| usize::from(s.transducers)).sum()
+    }
+}
