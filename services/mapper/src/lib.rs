@@ -1,1 +1,199 @@
-//! mapper
+//! Readings and pose estimates in, occupancy grid out (paper section 3.2, Algorithm 1).
+//!
+//! The mapper needs the pose at the stamp of each reading: it waits until estimates bracket it and
+//! interpolates. So the map depends on the data only, never on which process ran first.
+
+mod trajectory;
+
+use std::collections::VecDeque;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use echogrid_core::{GridMapper, GridSummary, MapperConfig, OdometryConfig, Reading, TileIndex, VerdictCounts};
+use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_topics::{MapInfo, Message, TileUpdate, Topic};
+use trajectory::Trajectory;
+
+/// What it reads.
+pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryEstimate, Topic::RangeScan];
+/// What it writes.
+pub const OUTPUTS: &[Topic] = &[Topic::MapTiles, Topic::MapInfo, Topic::RangeVerdict];
+
+/// Changed tiles go out this often, by the sensor's clock.
+const TILES_EVERY_NS: u64 = 500_000_000;
+/// Numbers of the whole map go out this often, by the sensor's clock.
+const INFO_EVERY_NS: u64 = 10_000_000_000;
+
+#[derive(Debug)]
+struct Scan {
+    sequence: u64,
+    stamp_ns: u64,
+    readings: Vec<Reading>,
+}
+
+impl Scan {
+    /// When its last reading was taken.
+    fn end_ns(&self) -> u64 {
+        let latest = self.readings.iter().map(|reading| reading.offset_ns).max().unwrap_or(0);
+        self.stamp_ns.saturating_add_signed(i64::from(latest))
+    }
+}
+
+/// The mapper service.
+#[derive(Debug)]
+pub struct MapperService {
+    config: MapperConfig,
+    odometry: OdometryConfig,
+    /// None until the robot is known.
+    mapper: Option<GridMapper>,
+    trajectory: Trajectory,
+    /// Scans whose poses are not known yet.
+    waiting: VecDeque<Scan>,
+    counts: VerdictCounts,
+    scans: u64,
+    revision: u64,
+    stamp_ns: u64,
+    tiles_due_ns: u64,
+    info_due_ns: u64,
+}
+
+impl MapperService {
+    /// From the configuration; of `odometry` the noise rule and the seed count.
+    ///
+    /// # Errors
+    /// A value is out of range.
+    pub fn new(config: &MapperConfig, odometry: &OdometryConfig) -> Result<Self> {
+        config.validate().context("[mapper]")?;
+        Ok(Self {
+            config: config.clone(),
+            odometry: odometry.clone(),
+            mapper: None,
+            trajectory: Trajectory::default(),
+            waiting: VecDeque::new(),
+            counts: VerdictCounts::default(),
+            scans: 0,
+            revision: 0,
+            stamp_ns: 0,
+            tiles_due_ns: 0,
+            info_due_ns: 0,
+        })
+    }
+
+    /// From the plan of a run.
+    ///
+    /// # Errors
+    /// A section is missing or wrong.
+    pub fn from_plan(plan: &Plan) -> Result<Self> {
+        Self::new(&plan.section("mapper")?, &plan.section("odometry")?)
+    }
+
+    /// Integrates every waiting scan whose poses are known by now.
+    fn integrate_bracketed(&mut self, out: &mut Outbox) {
+        while self.waiting.front().is_some_and(|scan| self.trajectory.reaches(scan.end_ns())) {
+            self.integrate_oldest(out);
+        }
+    }
+
+    fn integrate_oldest(&mut self, out: &mut Outbox) {
+        let (Some(mapper), Some(scan)) = (self.mapper.as_mut(), self.waiting.pop_front()) else { return };
+        let mut verdicts = Vec::with_capacity(scan.readings.len());
+        for reading in &scan.readings {
+            let taken_ns = scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns));
+            let estimate = self.trajectory.at(taken_ns);
+            let verdict = mapper.integrate(scan.sequence, reading, estimate.as_ref());
+            self.counts.add(verdict);
+            verdicts.push((reading.transducer, verdict));
+        }
+        self.trajectory.forget_before(scan.stamp_ns);
+        self.scans += 1;
+        self.revision = scan.sequence;
+        self.stamp_ns = scan.stamp_ns;
+        out.send(scan.stamp_ns, Message::Verdicts(verdicts));
+        if scan.stamp_ns >= self.tiles_due_ns {
+            self.tiles_due_ns = scan.stamp_ns.saturating_add(TILES_EVERY_NS);
+            self.publish_tiles(out);
+        }
+        if scan.stamp_ns >= self.info_due_ns {
+            self.info_due_ns = scan.stamp_ns.saturating_add(INFO_EVERY_NS);
+            self.publish_info(out, false);
+        }
+    }
+
+    fn publish_tiles(&mut self, out: &mut Outbox) {
+        let Some(mapper) = self.mapper.as_mut() else { return };
+        let dirty: Vec<TileIndex> = mapper.take_dirty();
+        for index in dirty {
+            let Some(tile) = mapper.grid().tile(index) else { continue };
+            let update = TileUpdate {
+                index,
+                revision: tile.revision,
+                resolution_m: self.config.resolution_m,
+                log_odds: tile.log_odds.clone(),
+            };
+            out.send(self.stamp_ns, Message::Tile(update));
+        }
+    }
+
+    fn publish_info(&mut self, out: &mut Outbox, finished: bool) {
+        let summary = self.mapper.as_ref().map(|mapper| GridSummary::of(mapper.grid())).unwrap_or_default();
+        let info = MapInfo {
+            revision: self.revision,
+            scans: self.scans,
+            cells_known: summary.known,
+            cells_occupied: summary.occupied,
+            cells_free: summary.free,
+            entropy_bits: summary.entropy_bits,
+            trust: self.trajectory.trust(),
+            distance_m: self.trajectory.distance_m(),
+            bounds: summary.bounds,
+            verdicts: self.counts,
+            finished,
+        };
+        out.send(self.stamp_ns, Message::Info(info));
+    }
+}
+
+impl Service for MapperService {
+    fn inputs(&self) -> &'static [Topic] {
+        INPUTS
+    }
+
+    fn outputs(&self) -> &'static [Topic] {
+        OUTPUTS
+    }
+
+    fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
+        match input {
+            Input::Message { message: Message::Robot(robot), .. } => {
+                if self.mapper.is_none() {
+                    let OdometryConfig { noise, seed, .. } = self.odometry;
+                    self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
+                }
+            }
+            Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => {
+                self.trajectory.push(stamp_ns, estimate);
+                self.integrate_bracketed(out);
+            }
+            Input::Message { sequence, stamp_ns, message: Message::Scan(readings) } => {
+                self.waiting.push_back(Scan { sequence, stamp_ns, readings });
+                self.integrate_bracketed(out);
+            }
+            Input::Message { .. } => {}
+            Input::Finish => {
+                // What is still not bracketed never will be: those readings have no pose.
+                while self.mapper.is_some() && !self.waiting.is_empty() {
+                    self.integrate_oldest(out);
+                }
+                self.publish_tiles(out);
+                self.publish_info(out, true);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Runs it as this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    process::run("mapper", INPUTS, OUTPUTS, MapperService::from_plan)
+}

@@ -1,1 +1,134 @@
-//! publisher
+//! The grid for people and other programs: picture and map files, saved at the end of the run.
+
+pub mod config;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use config::{PgmMode, PublisherConfig};
+use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
+use echogrid_formats::map::map_server::MapMode;
+use echogrid_formats::map::{MapDocument, MapFileOptions, MapFiles, PathPoint, Provenance};
+use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_topics::{Message, PoseEstimate, TileUpdate, Topic};
+use serde::Deserialize;
+
+/// What it reads.
+pub const INPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::MapTiles];
+/// What it writes: nothing that a process could read.
+pub const OUTPUTS: &[Topic] = &[];
+
+/// A point joins the path when the robot has moved this far …
+const PATH_STEP_M: f64 = 0.05;
+/// … or turned this far since the one before.
+const PATH_STEP_RAD: f64 = 0.1;
+
+/// The part of `[run]` that the publisher needs.
+#[derive(Debug, Deserialize)]
+struct Run {
+    out: PathBuf,
+}
+
+/// The publisher service.
+#[derive(Debug)]
+pub struct PublisherService {
+    config: PublisherConfig,
+    out: PathBuf,
+    provenance: Provenance,
+    /// None until the first tile tells the resolution.
+    grid: Option<Grid>,
+    path: Vec<PathPoint>,
+    /// The latest pose, if it is not on the path yet.
+    latest: Option<PathPoint>,
+    written: Vec<PathBuf>,
+}
+
+impl PublisherService {
+    /// Saves into the folder `out` what the configuration says.
+    ///
+    /// # Errors
+    /// A value is out of range.
+    pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
+        config.validate().context("[publisher]")?;
+        Ok(Self { config, out, provenance, grid: None, path: Vec::new(), latest: None, written: Vec::new() })
+    }
+
+    /// From the plan of a run.
+    ///
+    /// # Errors
+    /// A section is missing or wrong.
+    pub fn from_plan(plan: &Plan) -> Result<Self> {
+        let run: Run = plan.section("run")?;
+        Self::new(plan.section("publisher")?, run.out, plan.section("provenance")?)
+    }
+
+    /// The files written so far.
+    #[must_use]
+    pub fn written(&self) -> &[PathBuf] {
+        &self.written
+    }
+
+    fn follow(&mut self, stamp_ns: u64, PoseEstimate { estimate, trust, .. }: PoseEstimate) {
+        let point = PathPoint { stamp_ns, pose: estimate.pose, trust };
+        if self.path.last().is_none_or(|last| is_step(last.pose, point.pose)) {
+            self.path.push(point);
+            self.latest = None;
+        } else {
+            self.latest = Some(point);
+        }
+    }
+
+    fn save(&mut self) -> Result<()> {
+        let Some(grid) = &self.grid else {
+            tracing::warn!("no reading reached the map: nothing to save");
+            return Ok(());
+        };
+        let mut path = self.path.clone();
+        path.extend(self.latest);
+        let document = MapDocument { grid: grid.clone(), path, provenance: self.provenance.clone() };
+        let options = MapFileOptions {
+            mode: match self.config.pgm_mode {
+                PgmMode::Trinary => MapMode::Trinary,
+                PgmMode::Scale => MapMode::Scale,
+                PgmMode::Raw => MapMode::Raw,
+            },
+        };
+        self.written = MapFiles::write_all(&self.out, &document, &options)?;
+        Ok(())
+    }
+}
+
+fn is_step(from: Pose2, to: Pose2) -> bool {
+    from.distance_m(to) >= PATH_STEP_M || wrap_angle(to.theta - from.theta).abs() >= PATH_STEP_RAD
+}
+
+impl Service for PublisherService {
+    fn inputs(&self) -> &'static [Topic] {
+        INPUTS
+    }
+
+    fn outputs(&self) -> &'static [Topic] {
+        OUTPUTS
+    }
+
+    fn step(&mut self, input: Input, _out: &mut Outbox) -> Result<()> {
+        match input {
+            Input::Message { message: Message::Tile(tile), .. } => {
+                let TileUpdate { index, revision, resolution_m, log_odds } = tile;
+                let grid = self.grid.get_or_insert_with(|| Grid::new(resolution_m));
+                *grid.tile_mut(index) = Tile { revision, log_odds };
+            }
+            Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => self.follow(stamp_ns, estimate),
+            Input::Message { .. } => {}
+            Input::Finish => self.save()?,
+        }
+        Ok(())
+    }
+}
+
+/// Runs it as this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    process::run("publisher", INPUTS, OUTPUTS, PublisherService::from_plan)
+}

@@ -3,6 +3,8 @@
 //! Units are in the key names. `validate` says which key is out of range; unknown keys are found
 //! by whoever reads the file.
 
+use core::fmt::Display;
+
 use serde::{Deserialize, Serialize};
 
 /// A value out of its range.
@@ -15,6 +17,18 @@ pub struct ConfigError {
     pub value: String,
     /// What would have been right.
     pub expected: &'static str,
+}
+
+impl ConfigError {
+    /// Ok if `holds`, else the error that says what `key` should have been.
+    pub(crate) fn unless(
+        holds: bool,
+        key: &'static str,
+        value: impl Display,
+        expected: &'static str,
+    ) -> Result<(), Self> {
+        if holds { Ok(()) } else { Err(Self { key, value: value.to_string(), expected }) }
+    }
 }
 
 /// What is done with the systematic error of the odometry (eqs 1, 2).
@@ -88,6 +102,30 @@ impl Default for OdometryConfig {
             noise: Noise::Sampled,
             seed: 1,
         }
+    }
+}
+
+impl OdometryConfig {
+    /// Every value within its range, or the first that is not.
+    ///
+    /// # Errors
+    /// Names the key, what it is and what it should be.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        const SCALE: &str = "a number between -1 and 1";
+        const FINITE: &str = "a finite number";
+        const NOT_NEGATIVE: &str = "a finite number, 0 or more";
+        let not_negative =
+            |key, value: f64| ConfigError::unless(value.is_finite() && value >= 0.0, key, value, NOT_NEGATIVE);
+        ConfigError::unless(self.lin_scale.abs() < 1.0, "lin_scale", self.lin_scale, SCALE)?;
+        ConfigError::unless(self.lin_offset_m.is_finite(), "lin_offset_m", self.lin_offset_m, FINITE)?;
+        not_negative("lin_offset_from_turn_rad", self.lin_offset_from_turn_rad)?;
+        ConfigError::unless(self.ang_scale.abs() < 1.0, "ang_scale", self.ang_scale, SCALE)?;
+        ConfigError::unless(self.ang_offset_rad.is_finite(), "ang_offset_rad", self.ang_offset_rad, FINITE)?;
+        not_negative("ang_offset_from_travel_m", self.ang_offset_from_travel_m)?;
+        not_negative("k_ll", self.k_ll)?;
+        not_negative("k_lt", self.k_lt)?;
+        not_negative("k_tt", self.k_tt)?;
+        not_negative("k_tl", self.k_tl)
     }
 }
 
@@ -175,5 +213,128 @@ impl Default for MapperConfig {
             min_trust: 0.02,
             sonars: SonarSelection::Word(SonarWord::All),
         }
+    }
+}
+
+impl MapperConfig {
+    /// Every value within its range, or the first that is not. (Whether the robot has the sonars that are named is
+    /// checked by [`crate::GridMapper::new`], which knows the robot.)
+    ///
+    /// # Errors
+    /// Names the key, what it is and what it should be.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let within = |value: f64, low: f64, high: f64| value >= low && value <= high;
+        let between = |value: f64, low: f64, high: f64| value > low && value < high;
+        ConfigError::unless(
+            within(self.resolution_m, 0.001, 10.0),
+            "resolution_m",
+            self.resolution_m,
+            "metres, from 0.001 to 10",
+        )?;
+        ConfigError::unless(
+            self.log_odds_max > 0.0 && self.log_odds_max <= 100.0,
+            "log_odds_max",
+            self.log_odds_max,
+            "a number above 0, at most 100",
+        )?;
+        ConfigError::unless(
+            self.log_odds_prior.abs() <= self.log_odds_max,
+            "log_odds_prior",
+            self.log_odds_prior,
+            "a number within ± log_odds_max",
+        )?;
+        ConfigError::unless(
+            between(self.p_occupied, 0.5, 1.0),
+            "p_occupied",
+            self.p_occupied,
+            "a probability between 0.5 and 1, both excluded",
+        )?;
+        ConfigError::unless(
+            between(self.p_free, 0.0, 0.5),
+            "p_free",
+            self.p_free,
+            "a probability between 0 and 0.5, both excluded",
+        )?;
+        if let Limit::Metres(min) = self.min_range_m {
+            ConfigError::unless(min.is_finite() && min >= 0.0, "min_range_m", min, "metres, 0 or more, or \"auto\"")?;
+        }
+        if let Limit::Metres(max) = self.max_range_m {
+            ConfigError::unless(max.is_finite() && max > 0.0, "max_range_m", max, "metres above 0, or \"auto\"")?;
+        }
+        if let (Limit::Metres(min), Limit::Metres(max)) = (self.min_range_m, self.max_range_m) {
+            ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
+        }
+        ConfigError::unless(within(self.min_trust, 0.0, 1.0), "min_trust", self.min_trust, "a number from 0 to 1")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn odometry_key(change: impl FnOnce(&mut OdometryConfig)) -> Option<&'static str> {
+        let mut config = OdometryConfig::default();
+        change(&mut config);
+        config.validate().err().map(|e| e.key)
+    }
+
+    fn mapper_key(change: impl FnOnce(&mut MapperConfig)) -> Option<&'static str> {
+        let mut config = MapperConfig::default();
+        change(&mut config);
+        config.validate().err().map(|e| e.key)
+    }
+
+    #[test]
+    fn defaults_are_valid() {
+        assert_eq!(odometry_key(|_| {}), None);
+        assert_eq!(mapper_key(|_| {}), None);
+    }
+
+    #[test]
+    fn odometry_names_the_wrong_key() {
+        assert_eq!(odometry_key(|c| c.lin_scale = 1.0), Some("lin_scale"));
+        assert_eq!(odometry_key(|c| c.lin_scale = f64::NAN), Some("lin_scale"));
+        assert_eq!(odometry_key(|c| c.lin_offset_m = f64::INFINITY), Some("lin_offset_m"));
+        assert_eq!(odometry_key(|c| c.lin_offset_from_turn_rad = -1.0), Some("lin_offset_from_turn_rad"));
+        assert_eq!(odometry_key(|c| c.ang_scale = -1.5), Some("ang_scale"));
+        assert_eq!(odometry_key(|c| c.ang_offset_rad = f64::NAN), Some("ang_offset_rad"));
+        assert_eq!(odometry_key(|c| c.ang_offset_from_travel_m = f64::NAN), Some("ang_offset_from_travel_m"));
+        assert_eq!(odometry_key(|c| c.k_ll = -1e-9), Some("k_ll"));
+        assert_eq!(odometry_key(|c| c.k_lt = f64::NAN), Some("k_lt"));
+        assert_eq!(odometry_key(|c| c.k_tt = f64::INFINITY), Some("k_tt"));
+        assert_eq!(odometry_key(|c| c.k_tl = -1.0), Some("k_tl"));
+    }
+
+    #[test]
+    fn mapper_names_the_wrong_key() {
+        for wrong in [0.0, -0.05, 0.0009, 10.1, f64::NAN, f64::INFINITY] {
+            assert_eq!(mapper_key(|c| c.resolution_m = wrong), Some("resolution_m"), "{wrong}");
+        }
+        assert_eq!(mapper_key(|c| c.log_odds_max = 0.0), Some("log_odds_max"));
+        assert_eq!(mapper_key(|c| c.log_odds_max = f64::NAN), Some("log_odds_max"));
+        assert_eq!(mapper_key(|c| c.log_odds_prior = 8.5), Some("log_odds_prior"));
+        assert_eq!(mapper_key(|c| c.log_odds_prior = f64::NAN), Some("log_odds_prior"));
+        for wrong in [0.5, 1.0, 0.2, f64::NAN] {
+            assert_eq!(mapper_key(|c| c.p_occupied = wrong), Some("p_occupied"), "{wrong}");
+        }
+        for wrong in [0.0, 0.5, 0.7, f64::NAN] {
+            assert_eq!(mapper_key(|c| c.p_free = wrong), Some("p_free"), "{wrong}");
+        }
+        assert_eq!(mapper_key(|c| c.min_range_m = Limit::Metres(-0.1)), Some("min_range_m"));
+        assert_eq!(mapper_key(|c| c.max_range_m = Limit::Metres(0.0)), Some("max_range_m"));
+        assert_eq!(mapper_key(|c| c.max_range_m = Limit::Metres(f64::NAN)), Some("max_range_m"));
+        let crossed = mapper_key(|c| {
+            c.min_range_m = Limit::Metres(2.0);
+            c.max_range_m = Limit::Metres(1.0);
+        });
+        assert_eq!(crossed, Some("min_range_m"));
+        assert_eq!(mapper_key(|c| c.min_trust = 1.1), Some("min_trust"));
+        assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
+    }
+
+    #[test]
+    fn message_tells_what_to_do() {
+        let error = MapperConfig { p_free: 0.7, ..MapperConfig::default() }.validate().unwrap_err();
+        assert_eq!(error.to_string(), "p_free = 0.7: expected a probability between 0 and 0.5, both excluded");
     }
 }

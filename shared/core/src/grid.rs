@@ -43,6 +43,14 @@ impl PartialOrd for TileIndex {
     }
 }
 
+impl TileIndex {
+    /// Its cell of lowest column and row. (Of a tile beyond what cells can number: the nearest that there is.)
+    #[must_use]
+    pub fn first_cell(self) -> CellIndex {
+        CellIndex { i: self.x.saturating_mul(TILE_SIDE as i32), j: self.y.saturating_mul(TILE_SIDE as i32) }
+    }
+}
+
 impl CellIndex {
     /// The tile that holds this cell.
     #[must_use]
@@ -133,5 +141,104 @@ impl Grid {
     #[must_use]
     pub fn tile_count(&self) -> usize {
         self.tiles.len()
+    }
+
+    /// Lowest and highest column and row of the known cells, both included; none if no cell is known.
+    #[must_use]
+    pub fn bounds(&self) -> Option<(CellIndex, CellIndex)> {
+        let mut bounds: Option<(CellIndex, CellIndex)> = None;
+        for (index, tile) in self.tiles() {
+            let first = index.first_cell();
+            for (offset, value) in tile.log_odds.iter().enumerate() {
+                if value.is_nan() {
+                    continue;
+                }
+                let i = first.i.saturating_add((offset % TILE_SIDE) as i32);
+                let j = first.j.saturating_add((offset / TILE_SIDE) as i32);
+                bounds = Some(bounds.map_or((CellIndex { i, j }, CellIndex { i, j }), |(low, high)| {
+                    (CellIndex { i: low.i.min(i), j: low.j.min(j) }, CellIndex { i: high.i.max(i), j: high.j.max(j) })
+                }));
+            }
+        }
+        bounds
+    }
+}
+
+/// The tiles that changed since somebody last asked: a set, kept in the order of [`TileIndex`].
+#[derive(Debug, Clone, Default)]
+pub struct DirtyTiles {
+    sorted: Vec<TileIndex>,
+}
+
+impl DirtyTiles {
+    /// This tile has changed.
+    pub fn insert(&mut self, index: TileIndex) {
+        if let Err(place) = self.sorted.binary_search(&index) {
+            self.sorted.insert(place, index);
+        }
+    }
+
+    /// All tiles that changed since the last call, row by row.
+    pub fn take(&mut self) -> Vec<TileIndex> {
+        core::mem::take(&mut self.sorted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn cells_on_both_sides_of_zero() {
+        let cell = CellIndex { i: -1, j: -64 };
+        assert_eq!(cell.tile(), TileIndex { x: -1, y: -1 });
+        assert_eq!(cell.offset_in_tile(), 63);
+        assert_eq!(CellIndex { i: 64, j: 0 }.tile(), TileIndex { x: 1, y: 0 });
+        let grid = Grid::new(0.05);
+        assert_eq!(grid.cell_at(-0.01, 0.01), CellIndex { i: -1, j: 0 });
+        assert_eq!(grid.cell_at(f64::NAN, 1e300), CellIndex { i: 0, j: i32::MAX });
+    }
+
+    #[test]
+    fn a_tile_knows_nothing_at_first() {
+        let mut grid = Grid::new(0.05);
+        let cell = CellIndex { i: 3, j: 4 };
+        assert!(grid.tile_mut(cell.tile()).log_odds.iter().all(|value| value.is_nan()));
+        assert_eq!(grid.log_odds(cell), None);
+        grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 0.0;
+        assert_eq!(grid.log_odds(cell), Some(0.0), "evidence that cancelled is not the same as none");
+        assert_eq!(grid.log_odds(CellIndex { i: 4, j: 4 }), None);
+        assert_eq!(grid.bounds(), Some((cell, cell)));
+    }
+
+    #[test]
+    fn dirty_tiles_come_once_and_in_order() {
+        let mut dirty = DirtyTiles::default();
+        let tile = |x, y| TileIndex { x, y };
+        for index in [tile(5, 1), tile(-2, 1), tile(9, -3), tile(5, 1)] {
+            dirty.insert(index);
+        }
+        assert_eq!(dirty.take(), [tile(9, -3), tile(-2, 1), tile(5, 1)]);
+        assert!(dirty.take().is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn tile_and_offset_name_the_cell(i in any::<i32>(), j in any::<i32>()) {
+            let cell = CellIndex { i, j };
+            let first = cell.tile().first_cell();
+            let offset = cell.offset_in_tile();
+            prop_assert_eq!(first.i + (offset % TILE_SIDE) as i32, i);
+            prop_assert_eq!(first.j + (offset / TILE_SIDE) as i32, j);
+        }
+
+        #[test]
+        fn a_centre_lies_in_its_cell(i in -1_000_000..1_000_000i32, j in -1_000_000..1_000_000i32, res in 0.001..10.0f64) {
+            let grid = Grid::new(res);
+            let [x, y] = grid.centre(CellIndex { i, j });
+            prop_assert_eq!(grid.cell_at(x, y), CellIndex { i, j });
+        }
     }
 }

@@ -69,8 +69,59 @@ impl Pose2 {
 impl Mul for Pose2 {
     type Output = Self;
 
+    #[expect(clippy::suspicious_arithmetic_impl, reason = "turns one after the other add up")]
     fn mul(self, inner: Self) -> Self {
         let [x, y] = self.transform([inner.x, inner.y]);
         Self::new(x, y, self.theta + inner.theta)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn any_pose() -> impl Strategy<Value = Pose2> {
+        (-1e3..1e3f64, -1e3..1e3f64, -7.0..7.0f64).prop_map(|(x, y, theta)| Pose2::new(x, y, theta))
+    }
+
+    fn close(a: Pose2, b: Pose2) -> bool {
+        a.distance_m(b) < 1e-9 && wrap_angle(a.theta - b.theta).abs() < 1e-12
+    }
+
+    #[test]
+    fn a_quarter_turn() {
+        let pose = Pose2::new(1.0, 2.0, core::f64::consts::FRAC_PI_2);
+        let [x, y] = pose.transform([3.0, 0.0]);
+        assert!((x - 1.0).abs() < 1e-15 && (y - 5.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn the_shorter_way_round() {
+        let middle = Pose2::new(0.0, 0.0, 3.0).interpolate(Pose2::new(2.0, 0.0, -3.0), 0.5);
+        assert!((middle.theta.abs() - core::f64::consts::PI).abs() < 1e-12);
+        assert!((middle.x - 1.0).abs() < 1e-15);
+    }
+
+    proptest! {
+        #[test]
+        fn inverse_cancels(pose in any_pose()) {
+            prop_assert!(close(pose * pose.inverse(), Pose2::IDENTITY));
+            prop_assert!(close(pose.inverse() * pose, Pose2::IDENTITY));
+        }
+
+        #[test]
+        fn frames_cancel(a in any_pose(), b in any_pose(), x in -10.0..10.0f64, y in -10.0..10.0f64) {
+            let [ox, oy] = (a * b).transform([x, y]);
+            let [ex, ey] = a.transform(b.transform([x, y]));
+            prop_assert!((ox - ex).abs() < 1e-9 && (oy - ey).abs() < 1e-9);
+        }
+
+        #[test]
+        fn interpolation_ends(a in any_pose(), b in any_pose()) {
+            prop_assert_eq!(a.interpolate(b, 0.0), a);
+            prop_assert!(close(a.interpolate(b, 1.0), b));
+        }
     }
 }

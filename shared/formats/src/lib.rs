@@ -1,1 +1,20 @@
-//! formats
+//! Files in, files out: logs of robots, and maps.
+//!
+//! [`log`] reads a log twice, as a stream both times: once to learn what is in it
+//! ([`log::survey`]), once to hand out its events in order ([`log::open`]).
+//!
+//! [`map`] writes maps as pictures, for ROS's map_server, for NumPy and whole, and reads them back.
+//!
+//! [`convert`] goes from one format to another.
+//!
+//! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
+//! file holds, reading it ends with values or with an error that names the file; memory stays
+//! bounded and nothing panics.
+
+pub mod convert;
+pub mod log;
+pub mod map;
+mod near;
+mod whole_file;
+
+pub use whole_file::WriteError;

@@ -1,1 +1,72 @@
-//! service
+//! What every process of echogrid shares.
+//!
+//! A service is a value with a `step`: one input in, any outputs out, no clock, no thread, no port.
+//! [`process::run`] puts it into a process of the graph; [`local::run`] runs a whole graph of them in
+//! one thread, with the same bytes as a result.
+
+pub mod lifeline;
+pub mod local;
+pub mod logging;
+pub mod outbox;
+pub mod pace;
+pub mod plan;
+pub mod process;
+pub mod runtime;
+pub mod signals;
+
+use anyhow::Result;
+use echogrid_topics::{Message, Topic};
+
+pub use outbox::Outbox;
+pub use plan::Plan;
+
+/// What a service is given.
+#[derive(Debug)]
+pub enum Input {
+    /// A message of one of its input topics.
+    Message {
+        /// Its number within the producer's life: 1, 2, 3 …
+        sequence: u64,
+        /// When its content was true, sensor's clock, nanoseconds.
+        stamp_ns: u64,
+        /// Content.
+        message: Message,
+    },
+    /// Every input stream has ended, or the graph is being stopped: finish what you have.
+    Finish,
+}
+
+/// A service that turns inputs into outputs: odometry, mapper, publisher.
+pub trait Service {
+    /// Topics it reads, in the order in which they are looked at. A robot description among them
+    /// is always the first message that the service sees.
+    fn inputs(&self) -> &'static [Topic];
+
+    /// Topics it writes.
+    fn outputs(&self) -> &'static [Topic];
+
+    /// Takes one input. Outputs must depend on nothing but the inputs of each topic in their order:
+    /// how inputs of different topics interleave is up to the schedule.
+    ///
+    /// # Errors
+    /// The service can't go on; the graph is stopped with this error.
+    fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()>;
+}
+
+/// A sensor: outputs only. All sources (a log, a simulator, a robot) are interchangeable.
+pub trait Sensor {
+    /// Topics it writes; the robot description comes first.
+    fn outputs(&self) -> &'static [Topic];
+
+    /// The next message in order of stamps (messages of equal stamp: odometry before readings), or
+    /// none at the end.
+    ///
+    /// # Errors
+    /// The source is broken; what came before is kept.
+    fn next(&mut self) -> Result<Option<(u64, Message)>>;
+
+    /// How many messages there will be in all, if known.
+    fn total(&self) -> Option<u64> {
+        None
+    }
+}

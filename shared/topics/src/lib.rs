@@ -1,1 +1,16 @@
-//! topics
+//! The contract between echogrid's processes: message types and their layouts, topics and their
+//! quality of service, domains. No other crate names iceoryx2.
+
+pub mod domain;
+pub mod message;
+pub mod participant;
+pub mod port;
+pub mod topic;
+pub mod wire;
+
+pub use domain::{Claim, Domain, DomainError};
+pub use message::{Ack, Health, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState, TileUpdate};
+pub use participant::{Owner, Participant, TopicError};
+pub use port::{Input, Output, Received};
+pub use topic::{Delivery, Topic};
+pub use wire::Header;

@@ -1,0 +1,127 @@
+//! The command line, as it is typed.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::config::LoadRequest;
+
+/// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
+#[derive(Debug, Parser)]
+#[command(name = "echogrid", version, max_term_width = 100)]
+pub struct Cli {
+    /// What to do; nothing: map the drive that comes with echogrid.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// A log in, a map out: replays a recorded drive through the whole graph.
+    Map {
+        /// CARMEN log (plain or gzipped), or the measurement file of a Udacity sonar pair.
+        log: PathBuf,
+        /// What is set for the run.
+        #[command(flatten)]
+        settings: Settings,
+        /// What is shown of it.
+        #[command(flatten)]
+        view: View,
+    },
+    /// Runs the graph of a graph file.
+    Up {
+        /// Graph file (TOML); see `echogrid check` for every key.
+        graph: PathBuf,
+        /// The sensor: `replay`, or an executable of your own.
+        #[arg(long, value_name = "NAME|FILE")]
+        sensor: Option<String>,
+        /// What is set for the run.
+        #[command(flatten)]
+        settings: Settings,
+        /// What is shown of it.
+        #[command(flatten)]
+        view: View,
+    },
+    /// Reads and validates a graph file and prints the effective configuration, every default included.
+    Check {
+        /// Graph file (TOML); none: the built-in graph.
+        graph: Option<PathBuf>,
+        /// The sensor: `replay`, or an executable of your own.
+        #[arg(long, value_name = "NAME|FILE")]
+        sensor: Option<String>,
+        /// What is set for the run.
+        #[command(flatten)]
+        settings: Settings,
+    },
+    /// Converts between log formats, or from a map to other map formats.
+    Convert {
+        /// Log or map.
+        input: PathBuf,
+        /// The format is that of its ending: .log .log.gz .png .pgm .yaml .npy .echogrid
+        output: PathBuf,
+    },
+    /// Runs one service in a running graph, as the launcher starts it.
+    Service {
+        /// replay, odometry, mapper or publisher.
+        name: String,
+        /// The domain of the running graph.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+}
+
+/// What can be set for a run.
+#[derive(Debug, Args)]
+pub struct Settings {
+    /// Where the map is saved [default: maps].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<String>,
+    /// Speed: `max`, or times real time [default: max].
+    #[arg(long)]
+    pub rate: Option<String>,
+    /// Robot: pioneer3at, pioneer3dx, laser, a robot file, or `auto`: as the log says [default: auto].
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<String>,
+    /// Keeps this graph apart from others on the machine [default: one of its own].
+    #[arg(long, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Sets any key, as in `--set mapper.resolution_m=0.1`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+}
+
+/// What is shown of a run.
+#[derive(Debug, Default, Args)]
+pub struct View {
+    /// Prints the summary as JSON.
+    #[arg(long)]
+    pub json: bool,
+    /// Shows no progress.
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Tells of every process that starts and ends.
+    #[arg(long, short)]
+    pub verbose: bool,
+    /// What the services log: error, warn, info, debug, or as in ECHOGRID_LOG [default: warn].
+    #[arg(long, value_name = "FILTER")]
+    pub log_level: Option<String>,
+    /// How they log it.
+    #[arg(long, value_name = "FORMAT", value_parser = ["text", "json"], default_value = "text")]
+    pub log_format: String,
+}
+
+impl Settings {
+    /// As a request to the configuration.
+    #[must_use]
+    pub fn request(self) -> LoadRequest {
+        LoadRequest {
+            out: self.out,
+            rate: self.rate,
+            robot: self.robot,
+            domain: self.domain,
+            sets: self.sets,
+            ..LoadRequest::default()
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! `echogrid map` and `echogrid up`: a graph from its start to its summary.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use anyhow::{Context, Result, bail};
+use echogrid_core::{GridMapper, Robot};
+use echogrid_formats::log::{self, LogSurvey, StampQuality};
+use echogrid_formats::map::Provenance;
+use echogrid_service::Plan;
+use echogrid_topics::Domain;
+use echogrid_topics::wire::MAX_SENSORS;
+
+use crate::cli::View;
+use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate};
+use crate::progress::Display;
+use crate::summary::Summary;
+use crate::supervisor::{self, Graph};
+
+/// Scans of a sensor that says nothing of its size before it starts.
+const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
+
+/// Runs the graph that was asked for.
+pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
+    let loaded = Config::load(request)?;
+    loaded.require_runnable()?;
+    let config = loaded.config();
+    // What is wrong with the log is said before anything is started.
+    let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
+    probe_output(&config.run.out)?;
+    let domain = match &config.run.domain {
+        config::Domain::Auto => Domain::unique(),
+        config::Domain::Named(name) => Domain::named(name)?,
+    };
+    let plan = plan(config, survey.as_ref())?;
+    let graph = Graph {
+        domain,
+        services: &config.services,
+        plan,
+        log_filter: view.log_level.as_deref(),
+        log_json: view.log_format == "json",
+    };
+    let start = SystemTime::now();
+    let mut display = Display::new(view.quiet, view.verbose);
+    let outcome = supervisor::run(&graph, &mut display)?;
+    drop(display);
+    outcome.check().with_context(|| kept(config, start))?;
+    if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
+        let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
+        let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
+        bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
+    }
+    let recorded = survey.as_ref().map_or((0, 0), |survey| (survey.first_stamp_ns, survey.last_stamp_ns));
+    let mut summary = Summary::of(&outcome, source(config), recorded, config.mapper.resolution_m);
+    summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
+    summary.files = written(config, start);
+    let text = if view.json { serde_json::to_string_pretty(&summary)? + "\n" } else { summary.to_string() };
+    super::print(&text)
+}
+
+fn plays_log(config: &Config) -> bool {
+    config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay))
+}
+
+/// What the processes are told.
+fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
+    let robot: Option<&Robot> = config.robot.as_ref().or(survey.map(|survey| &survey.robot));
+    if let Some(robot) = robot.filter(|robot| robot.sensors.len() > MAX_SENSORS) {
+        bail!("robot {:?} has {} sensors, at most {MAX_SENSORS} are possible", robot.name, robot.sensors.len());
+    }
+    // A sonar that the robot does not have, limits that leave a sensor nothing: said before anything is started.
+    if let Some(robot) = robot {
+        let odometry = &config.odometry;
+        GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;
+    }
+    let of_robot = robot.map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
+    let log = survey.map(|_| config.replay.log.as_path());
+    let provenance = provenance(config, log, survey)?;
+    let mut table = config.to_table()?;
+    table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
+    Ok(Plan {
+        rate: match config.run.rate {
+            Rate::Max => None,
+            Rate::Times(times) => Some(times),
+        },
+        max_readings: survey.map_or(of_robot, |survey| survey.max_readings_per_scan).max(1),
+        consumers: supervisor::consumers(&config.services),
+        config: table,
+    })
+}
+
+/// Where the map comes from: what goes into its file.
+///
+/// # Errors
+/// The configuration can't be written as TOML.
+pub fn provenance(config: &Config, log: Option<&Path>, survey: Option<&LogSurvey>) -> Result<Provenance> {
+    Ok(Provenance {
+        software: concat!("echogrid ", env!("CARGO_PKG_VERSION")).into(),
+        log_name: log.and_then(|log| Some(log.file_name()?.to_string_lossy().into_owned())),
+        log_sha256: survey.map(|survey| survey.sha256.clone()),
+        config_toml: config.provenance_toml(survey.map(|survey| &survey.robot))?,
+        notes: BTreeMap::new(),
+    })
+}
+
+/// An output directory that can't be written is said now, not after the drive.
+fn probe_output(out: &Path) -> Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("making the output directory {}", out.display()))?;
+    tempfile::tempfile_in(out).with_context(|| format!("the output directory {} can't be written", out.display()))?;
+    Ok(())
+}
+
+fn source(config: &Config) -> String {
+    if plays_log(config) {
+        return config.replay.log.file_name().unwrap_or(config.replay.log.as_os_str()).to_string_lossy().into_owned();
+    }
+    let sensor = config.services.iter().find(|(_, service)| service.kind == config::ServiceKind::Sensor);
+    sensor.map_or_else(|| "sensor".into(), |(name, _)| name.clone())
+}
+
+/// The files that a run wrote which started at `start`; older ones are of another run.
+fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
+    let names = ["map.png", "map.pgm", "map_scale.png", "map.yaml", "map.npy", "map.echogrid"];
+    let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
+    names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
+}
+
+/// Where the map so far is, for whoever reads the error.
+fn kept(config: &Config, start: SystemTime) -> String {
+    let files = written(config, start);
+    match files.first() {
+        Some(_) => format!("the graph stopped early (what is in {} is the map so far)", config.run.out.display()),
+        None => "the graph stopped early".into(),
+    }
+}
+
+/// What is worth knowing of a log besides its counts.
+fn remarks(survey: &LogSurvey) -> Vec<String> {
+    let mut remarks = Vec::new();
+    match &survey.stamps {
+        StampQuality::Usable => {}
+        StampQuality::OrderOnly => {
+            remarks.push("its stamps are of no use: only the order counts, 0.1 s from pose to pose".into());
+        }
+        StampQuality::Reordered { count, clamped } => {
+            remarks.push(format!(
+                "{count} stamps ran backwards and were put in order, {clamped} of them were too far off and clamped"
+            ));
+        }
+    }
+    remarks.extend(survey.faults.iter().map(ToString::to_string));
+    if !survey.skipped.is_empty() {
+        let kinds: Vec<String> = survey.skipped.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+        remarks.push(format!("messages not used: {}", kinds.join(", ")));
+    }
+    remarks
+}

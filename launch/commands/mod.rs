@@ -1,0 +1,67 @@
+//! What each command does.
+
+mod check;
+mod demo;
+mod graph;
+mod service;
+
+use std::io::Write;
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+
+use crate::cli::{Cli, Command};
+use crate::config::LoadRequest;
+
+pub use graph::provenance;
+
+/// Carries out a command: 0 done, 1 failed with one error on standard error.
+#[must_use]
+pub fn run(cli: Cli) -> ExitCode {
+    let result = match cli.command {
+        None => demo::run(),
+        Some(Command::Map { log, settings, view }) => {
+            let log = log.to_string_lossy().into_owned();
+            graph::run(&LoadRequest { log: Some(log), ..settings.request() }, &view)
+        }
+        Some(Command::Up { graph, sensor, settings, view }) => {
+            graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
+        }
+        Some(Command::Check { graph, sensor, settings }) => {
+            check::run(&LoadRequest { graph, sensor, ..settings.request() })
+        }
+        Some(Command::Convert { input, output }) => convert(&input, &output),
+        // Its own logs say what went wrong.
+        Some(Command::Service { name, domain }) => return service::run(&name, domain),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Standard error may be closed; nobody is there to hear of that.
+            let _ = writeln!(std::io::stderr(), "echogrid: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn convert(input: &Path, output: &Path) -> Result<()> {
+    let report = echogrid_formats::convert::convert(input, output)?;
+    let mut text = format!("{}\n", report.input);
+    for path in &report.written {
+        text += &format!("written   {}\n", path.display());
+    }
+    for lost in &report.lost {
+        text += &format!("lost      {lost}\n");
+    }
+    print(&text)
+}
+
+/// Prints to standard output; a reader that has had enough (`| head`) is no error.
+fn print(text: &str) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("printing"),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,37 @@
+//! `echogrid service NAME`: one service, as this process.
+
+use std::io::Write;
+use std::process::{Command, ExitCode};
+
+use echogrid_service::plan::DOMAIN_VARIABLE;
+
+use crate::config::Builtin;
+
+/// Runs a built-in service in the domain that the environment or `domain` names.
+pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
+    let Some(builtin) = Builtin::from_name(name) else {
+        let names: Vec<&str> = Builtin::ALL.into_iter().map(Builtin::name).collect();
+        let _ = writeln!(std::io::stderr(), "echogrid: no service {name:?}; there are: {}", names.join(", "));
+        return ExitCode::from(2);
+    };
+    if let Some(domain) = domain {
+        return reexecute(name, &domain);
+    }
+    match builtin {
+        Builtin::Replay => echogrid_replay::main(),
+        Builtin::Odometry => echogrid_odometry::main(),
+        Builtin::Mapper => echogrid_mapper::main(),
+        Builtin::Publisher => echogrid_publisher::main(),
+    }
+}
+
+/// The domain travels in the environment, which a process can set only for another.
+fn reexecute(name: &str, domain: &str) -> ExitCode {
+    use std::os::unix::process::CommandExt;
+    let error = match std::env::current_exe() {
+        Ok(own) => Command::new(own).args(["service", name]).env(DOMAIN_VARIABLE, domain).exec(),
+        Err(error) => error,
+    };
+    let _ = writeln!(std::io::stderr(), "echogrid: starting {name}: {error}");
+    ExitCode::FAILURE
+}

@@ -1,0 +1,127 @@
+//! From settings to a configuration: later settings over earlier ones over the defaults.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+use super::Config;
+use super::problem::{Origin, Problem};
+use super::reading::{Setting, dotted};
+use super::roles;
+use super::service::{Exec, Service, ServiceKind, default_services};
+
+/// Where each key was set.
+pub(crate) type Origins = BTreeMap<String, Origin>;
+
+/// The origin of each key that was set; the last setting counts.
+pub(crate) fn origins(settings: &[Setting]) -> Origins {
+    settings.iter().map(|setting| (dotted(&setting.path), setting.origin.clone())).collect()
+}
+
+/// The configuration, but for `[services]`.
+pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
+    let mut config = Config::default();
+    config.run = section("run", &config.run, settings)?;
+    config.replay = section("replay", &config.replay, settings)?;
+    config.odometry = section("odometry", &config.odometry, settings)?;
+    config.mapper = section("mapper", &config.mapper, settings)?;
+    config.publisher = section("publisher", &config.publisher, settings)?;
+    Ok(config)
+}
+
+fn section<T: Serialize + DeserializeOwned>(name: &str, defaults: &T, settings: &[Setting]) -> Result<T, Problem> {
+    let failed = |message: String| Problem {
+        origin: None,
+        key: name.to_owned(),
+        value: None,
+        message: message.replace('\n', " "),
+    };
+    let mut table = Table::try_from(defaults).map_err(|error| failed(error.to_string()))?;
+    for setting in settings {
+        if let [section, key] = setting.path.as_slice()
+            && section == name
+        {
+            table.insert(key.clone(), setting.value.clone());
+        }
+    }
+    Value::Table(table).try_into().map_err(|error: toml::de::Error| failed(error.message().to_owned()))
+}
+
+/// A service as far as it was written.
+#[derive(Default)]
+struct Draft {
+    kind: Option<ServiceKind>,
+    exec: Option<String>,
+    args: Vec<String>,
+    env: BTreeMap<String, String>,
+    origin: Option<Origin>,
+}
+
+/// `[services]`: what was written, and the default service for every role that nobody was given.
+pub(crate) fn services(settings: &[Setting], origins: &Origins) -> Result<BTreeMap<String, Service>, Vec<Problem>> {
+    let mut drafts: BTreeMap<&str, Draft> = BTreeMap::new();
+    for setting in settings {
+        let [services, name, key @ ..] = setting.path.as_slice() else { continue };
+        if services != "services" {
+            continue;
+        }
+        let draft = drafts.entry(name).or_default();
+        draft.origin.get_or_insert_with(|| setting.origin.clone());
+        let text = || setting.value.as_str().map(str::to_owned);
+        match key {
+            [key] if key == "kind" => draft.kind = text().and_then(|word| ServiceKind::from_word(&word)),
+            [key] if key == "exec" => draft.exec = text(),
+            [key] if key == "args" => draft.args = texts(&setting.value),
+            [key, variable] if key == "env" => {
+                draft.env.insert(variable.clone(), text().unwrap_or_default());
+            }
+            _ => {}
+        }
+    }
+    let mut problems = Vec::new();
+    let mut services = BTreeMap::new();
+    for (name, draft) in drafts {
+        match resolve(name, draft, origins) {
+            Ok(service) => drop(services.insert(name.to_owned(), service)),
+            Err(problem) => problems.push(problem),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(problems);
+    }
+    let played: BTreeSet<ServiceKind> = services.values().map(|service| service.kind).collect();
+    for (name, service) in default_services() {
+        // A name that is taken for another role leaves this one empty, which is told later.
+        if !played.contains(&service.kind) {
+            services.entry(name).or_insert(service);
+        }
+    }
+    Ok(services)
+}
+
+fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Problem> {
+    let Some(kind) = draft.kind.or_else(|| ServiceKind::from_word(name)) else {
+        let message = "missing; expected one of sensor, odometry, mapper, publisher".to_owned();
+        return Err(Problem { origin: draft.origin, key: format!("services.{name}.kind"), value: None, message });
+    };
+    let exec = match draft.exec {
+        None => Exec::Builtin(kind.default_builtin()),
+        Some(text) => Exec::try_from(text.clone()).map_err(|why| {
+            let key = format!("services.{name}.exec");
+            let hint = roles::builtin_hint(&text).map_or_else(String::new, |hint| format!("; {hint}"));
+            Problem {
+                origin: origins.get(&key).cloned(),
+                key,
+                value: Some(format!("{text:?}")),
+                message: format!("{why}{hint}"),
+            }
+        })?,
+    };
+    Ok(Service { kind, exec, args: draft.args, env: draft.env })
+}
+
+fn texts(value: &Value) -> Vec<String> {
+    value.as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+}

@@ -1,0 +1,73 @@
+//! What a configuration names on this machine: executables, the log.
+
+use std::ffi::OsStr;
+use std::io;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use super::Config;
+use super::assemble::Origins;
+use super::problem::Problem;
+use super::roles::builtin_hint;
+use super::service::Exec;
+
+/// Finds every executable (`search_path` is a `PATH`) and looks whether the log is there.
+pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Option<&OsStr>) -> Vec<Problem> {
+    let mut found = Vec::new();
+    let mut add = |key: String, value: &Path, message: String| {
+        let origin = origins.get(&key).cloned();
+        found.push(Problem { origin, key, value: Some(format!("{value:?}")), message });
+    };
+    for (name, service) in &mut config.services {
+        let Exec::Path(path) = &service.exec else { continue };
+        match executable(path, search_path) {
+            Ok(resolved) => service.exec = Exec::Path(resolved),
+            Err(why) => add(format!("services.{name}.exec"), path, why),
+        }
+    }
+    let log = &config.replay.log;
+    if !log.as_os_str().is_empty() {
+        // A folder may hold the files of a log.
+        if let Err(error) = log.metadata() {
+            add("replay.log".to_owned(), log, unreadable(&error));
+        }
+    }
+    if config.run.out.is_file() {
+        add("run.out".to_owned(), &config.run.out, "a file, expected a folder".to_owned());
+    }
+    found
+}
+
+fn unreadable(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
+fn executable(path: &Path, search_path: Option<&OsStr>) -> Result<PathBuf, String> {
+    if path.as_os_str().as_encoded_bytes().contains(&b'/') {
+        return check(path).map(|()| path.to_path_buf());
+    }
+    let folders = || search_path.into_iter().flat_map(std::env::split_paths);
+    let candidates = || folders().filter(|folder| folder.is_absolute()).map(|folder| folder.join(path));
+    candidates().find(|candidate| check(candidate).is_ok()).ok_or_else(|| {
+        let hint = path.to_str().and_then(builtin_hint);
+        let hint = hint.unwrap_or_else(|| format!("a file beside the graph is \"./{}\"", path.display()));
+        format!("no executable of this name in the {} folders of PATH; {hint}", folders().count())
+    })
+}
+
+fn check(path: &Path) -> Result<(), String> {
+    let metadata = path.metadata().map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file, expected an executable".to_owned(),
+        _ => error.to_string(),
+    })?;
+    if !metadata.is_file() {
+        return Err("not a file, expected an executable".to_owned());
+    }
+    if metadata.permissions().mode() & 0o111 == 0 {
+        return Err("the file is not executable (chmod +x makes it so)".to_owned());
+    }
+    Ok(())
+}

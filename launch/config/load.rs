@@ -1,0 +1,156 @@
+//! Loading: built-in defaults, then the robot's, then the graph file, then the command line.
+
+use echogrid_core::Robot;
+use toml::Table;
+
+use super::assemble::{self, Origins};
+use super::problem::{ConfigError, Origin, Problem};
+use super::reading::{self, Findings};
+use super::robot_file::{self, Resolved};
+use super::run::AUTO;
+use super::service::{Builtin, Exec};
+use super::source::{self, Source};
+use super::{Config, LoadRequest, files, ranges, roles};
+
+/// A configuration, and where its values came from.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    config: Config,
+    origins: Origins,
+    /// `config` as a table, for showing it.
+    table: Table,
+}
+
+impl Loaded {
+    /// What it comes to.
+    #[must_use]
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What it comes to.
+    #[must_use]
+    pub fn into_config(self) -> Config {
+        self.config
+    }
+
+    /// The same as a table, the resolved `[robot]` included.
+    #[must_use]
+    pub fn table(&self) -> &Table {
+        &self.table
+    }
+
+    /// The robot; none when the log is to say.
+    #[must_use]
+    pub fn robot(&self) -> Option<&Robot> {
+        self.config.robot.as_ref()
+    }
+
+    /// Where the value of a key (`mapper.resolution_m`) was written; none for a default.
+    #[must_use]
+    pub fn origin(&self, key: &str) -> Option<&Origin> {
+        self.origins.get(key)
+    }
+
+    /// Every key that was set, and where.
+    pub fn origins(&self) -> impl Iterator<Item = (&str, &Origin)> {
+        self.origins.iter().map(|(key, origin)| (key.as_str(), origin))
+    }
+
+    /// Whether the graph can be started: `check` shows a graph that plays a log yet to be named.
+    ///
+    /// # Errors
+    /// What has to be given first.
+    pub fn require_runnable(&self) -> Result<(), ConfigError> {
+        let plays_a_log = self.config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay));
+        if plays_a_log && self.config.replay.log.as_os_str().is_empty() {
+            let message = "which log? Name one: --set replay.log=FILE".to_owned();
+            let key = "replay.log".to_owned();
+            return Err(ConfigError::Invalid(vec![Problem { origin: None, key, value: None, message }]));
+        }
+        Ok(())
+    }
+}
+
+impl Config {
+    /// The configuration that was asked for, with everything resolved.
+    ///
+    /// # Errors
+    /// A file can't be read, or what was written does not make sense: then everything that is
+    /// wrong, at once.
+    pub fn load(request: &LoadRequest) -> Result<Loaded, ConfigError> {
+        let base = match &request.base {
+            Some(base) => std::path::absolute(base),
+            None => std::env::current_dir(),
+        }
+        .map_err(ConfigError::WorkingDirectory)?;
+        let mut found = Findings::default();
+        if let Some(graph) = &request.graph {
+            let path = base.join(graph);
+            let text = source::read(&path).map_err(|source| ConfigError::Read { path: graph.clone(), source })?;
+            let source = Source::file(&graph.display().to_string(), &text, path.parent());
+            found.add(reading::graph(&text, &source));
+        }
+        found.add(request.settings(&found.settings, &base));
+        let robot = |name: &str, origin: Option<&Origin>| robot_file::find(name, origin, Some(&base));
+        let path = std::env::var_os("PATH");
+        load(found, robot, |config, origins| {
+            if config.run.out.is_relative() {
+                config.run.out = base.join(&config.run.out);
+            }
+            files::resolve(config, origins, path.as_deref())
+        })
+    }
+}
+
+/// What the text of a graph file means, without a look at any other file.
+///
+/// # Errors
+/// Everything that is wrong with it.
+pub fn parse_graph(text: &str) -> Result<Config, ConfigError> {
+    let found = reading::graph(text, &Source::file("graph", text, None));
+    load(found, |name, origin| robot_file::find(name, origin, None), |_, _| Vec::new()).map(Loaded::into_config)
+}
+
+fn load(
+    found: Findings,
+    robot: impl FnOnce(&str, Option<&Origin>) -> Result<Resolved, ConfigError>,
+    resolve: impl FnOnce(&mut Config, &Origins) -> Vec<Problem>,
+) -> Result<Loaded, ConfigError> {
+    let Findings { mut settings, mut problems } = found;
+    let named = settings.iter().rev().find(|setting| setting.path == ["run", "robot"]);
+    let name = named.and_then(|setting| setting.value.as_str()).unwrap_or(AUTO).to_owned();
+    let robot = match robot(&name, named.map(|setting| &setting.origin)) {
+        Ok((robot, calibration)) => {
+            settings.splice(0..0, calibration);
+            robot
+        }
+        Err(ConfigError::Invalid(more)) => {
+            problems.extend(more);
+            None
+        }
+        Err(other) => return Err(other),
+    };
+    let origins = assemble::origins(&settings);
+    let mut config = assemble::sections(&settings).map_err(|problem| ConfigError::Invalid(vec![problem]))?;
+    config.robot = robot;
+    problems.extend(ranges::problems(&config, &origins));
+    // What is wrong with the graph may only follow from a key that was refused.
+    if problems.is_empty() {
+        match assemble::services(&settings, &origins) {
+            Ok(services) => {
+                config.services = services;
+                problems.extend(roles::problems(&config, &origins));
+            }
+            Err(more) => problems.extend(more),
+        }
+    }
+    if problems.is_empty() {
+        problems.extend(resolve(&mut config, &origins));
+    }
+    if !problems.is_empty() {
+        return Err(ConfigError::Invalid(problems));
+    }
+    let table = config.to_table()?;
+    Ok(Loaded { config, origins, table })
+}

@@ -1,0 +1,127 @@
+//! The launcher's configuration: what the user typed, and what it means.
+//!
+//! Settings come from four places, each over the one before: built-in defaults, the `[odometry]`
+//! of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
+//! everything that is wrong at once, and gives a [`Config`] in which everything is resolved: the
+//! rest of the program sees only that.
+
+mod argument;
+mod assemble;
+mod files;
+mod load;
+mod problem;
+mod ranges;
+mod reading;
+mod render;
+mod request;
+mod robot;
+mod robot_file;
+#[cfg(test)]
+mod robot_tests;
+mod roles;
+mod run;
+mod schema;
+mod service;
+mod source;
+mod suggest;
+#[cfg(test)]
+mod tests;
+mod value;
+
+use std::collections::BTreeMap;
+
+use echogrid_core::Robot;
+use echogrid_core::config::{MapperConfig, OdometryConfig};
+use echogrid_publisher::config::PublisherConfig;
+use echogrid_replay::config::ReplayConfig;
+use serde::{Deserialize, Serialize};
+
+pub use load::{Loaded, parse_graph};
+pub use problem::{ConfigError, Origin, Problem};
+pub use render::render;
+pub use request::LoadRequest;
+pub use robot::builtin_robots;
+pub use robot_file::parse_robot;
+pub use run::{Domain, NotA, Rate, RunConfig};
+pub use service::{Builtin, Exec, Service, ServiceKind, default_services};
+
+/// The effective configuration: validated, every default filled in, every path absolute.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Config {
+    /// How fast, where to, on which robot.
+    pub run: RunConfig,
+    /// The processes, by name.
+    pub services: BTreeMap<String, Service>,
+    /// What `builtin:replay` plays.
+    pub replay: ReplayConfig,
+    /// The odometry error model.
+    pub odometry: OdometryConfig,
+    /// The grid and the sensor model.
+    pub mapper: MapperConfig,
+    /// The files that a map is saved to.
+    pub publisher: PublisherConfig,
+    /// The robot that `run.robot` names; none when the log is to say. Not a table of a graph file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub robot: Option<Robot>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            run: RunConfig::default(),
+            services: default_services(),
+            replay: ReplayConfig::default(),
+            odometry: OdometryConfig::default(),
+            mapper: MapperConfig::default(),
+            publisher: PublisherConfig::default(),
+            robot: None,
+        }
+    }
+}
+
+/// What decides the bytes of a map, besides the readings.
+#[derive(Serialize)]
+struct Provenance<'a> {
+    odometry: &'a OdometryConfig,
+    mapper: &'a MapperConfig,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robot: Option<&'a Robot>,
+}
+
+impl Config {
+    /// Everything as TOML, the resolved `[robot]` included: what services are started with.
+    ///
+    /// # Errors
+    /// The configuration was not loaded but made, of values that TOML has no way to write.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        Ok(toml::to_string(self)?)
+    }
+
+    /// As [`Config::to_toml`], as a table.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn to_table(&self) -> Result<toml::Table, ConfigError> {
+        Ok(toml::Table::try_from(self)?)
+    }
+
+    /// What [`Config::to_toml`] wrote.
+    ///
+    /// # Errors
+    /// It did not write this.
+    pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
+        toml::from_str(text)
+    }
+
+    /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`,
+    /// `[mapper]` and `[robot]`; no path, rate, domain or folder. Without a robot of its own,
+    /// the configuration leaves `[robot]` to the log, which is named as `robot` once it spoke.
+    ///
+    /// # Errors
+    /// As [`Config::to_toml`].
+    pub fn provenance_toml(&self, robot: Option<&Robot>) -> Result<String, ConfigError> {
+        let robot = self.robot.as_ref().or(robot);
+        Ok(toml::to_string(&Provenance { odometry: &self.odometry, mapper: &self.mapper, robot })?)
+    }
+}

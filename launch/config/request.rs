@@ -1,0 +1,71 @@
+//! What the user typed.
+
+use std::path::{Path, PathBuf};
+
+use super::argument;
+use super::reading::{Findings, Setting};
+use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind};
+use super::source::Source;
+
+/// What the user typed. What is left out comes from the graph file or is a default.
+#[derive(Debug, Clone, Default)]
+pub struct LoadRequest {
+    /// The graph file; none: the default graph.
+    pub graph: Option<PathBuf>,
+    /// `--robot`: the name of a built-in robot, a robot file, or `auto`.
+    pub robot: Option<String>,
+    /// `--rate`.
+    pub rate: Option<String>,
+    /// `--out`.
+    pub out: Option<String>,
+    /// `--domain`.
+    pub domain: Option<String>,
+    /// `--sensor`: the name of a built-in sensor, or an executable.
+    pub sensor: Option<String>,
+    /// The log to play.
+    pub log: Option<String>,
+    /// Each `--set key=value`; these have the last word.
+    pub sets: Vec<String>,
+    /// What relative paths of the command line are relative to; none: the working directory.
+    pub base: Option<PathBuf>,
+}
+
+impl LoadRequest {
+    /// What the command line sets, in rising precedence.
+    pub(crate) fn settings(&self, graph: &[Setting], base: &Path) -> Findings {
+        let sensor_key = format!("services.{}.exec", sensor_name(graph));
+        let sensor = self.sensor.as_ref().map(|sensor| match Builtin::from_name(sensor) {
+            Some(builtin) => format!("{BUILTIN_PREFIX}{}", builtin.name()),
+            None => sensor.clone(),
+        });
+        let mut found = Findings::default();
+        for (flag, key, value) in [
+            ("--robot", "run.robot", &self.robot),
+            ("--rate", "run.rate", &self.rate),
+            ("--out", "run.out", &self.out),
+            ("--domain", "run.domain", &self.domain),
+            ("--sensor", &sensor_key, &sensor),
+            ("LOG", "replay.log", &self.log),
+        ] {
+            if let Some(value) = value {
+                found.add(argument::assign(key, value, &Source::argument(&format!("{flag} {value}"), Some(base))));
+            }
+        }
+        for set in &self.sets {
+            found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));
+        }
+        found
+    }
+}
+
+/// The name of the service that is the sensor.
+fn sensor_name(graph: &[Setting]) -> &str {
+    let sensor = ServiceKind::Sensor.word();
+    let named = graph.iter().find_map(|setting| match setting.path.as_slice() {
+        [services, name, key] if services == "services" && key == "kind" => {
+            (setting.value.as_str() == Some(sensor)).then_some(name.as_str())
+        }
+        _ => None,
+    });
+    named.unwrap_or(sensor)
+}

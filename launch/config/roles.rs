@@ -1,0 +1,82 @@
+//! Whether the services make a graph.
+
+use super::Config;
+use super::assemble::Origins;
+use super::problem::Problem;
+use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind};
+use super::suggest;
+
+/// Variables by which a service finds its graph.
+const LAUNCHERS_OWN: [&str; 3] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE"];
+
+/// What keeps the services from being a graph.
+pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
+    let counts = ServiceKind::ALL.into_iter().filter_map(|kind| count(config, kind));
+    let each = config.services.iter().flat_map(|(name, service)| service_problems(name, service, origins));
+    counts.chain(each).collect()
+}
+
+/// One sensor, one odometry, one mapper; publishers as many as wanted, but one.
+fn count(config: &Config, kind: ServiceKind) -> Option<Problem> {
+    let of_kind = config.services.iter().filter(|(_, service)| service.kind == kind);
+    let names: Vec<&str> = of_kind.map(|(name, _)| name.as_str()).collect();
+    let message = match (kind, names.len()) {
+        (_, 1) | (ServiceKind::Publisher, 2..) => return None,
+        (_, 0) => format!("the graph has no {kind}"),
+        (_, n) => format!("the graph has {n} services of kind {kind} ({}), expected one", names.join(", ")),
+    };
+    Some(Problem { origin: None, key: "services".to_owned(), value: None, message })
+}
+
+fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Problem> {
+    let mut found = Vec::new();
+    let mut add = |key: &str, value: String, message: String| {
+        let key = format!("services.{name}.{key}");
+        found.push(Problem { origin: origins.get(&key).cloned(), key, value: Some(value), message });
+    };
+    match &service.exec {
+        Exec::Builtin(builtin) if builtin.kind() != service.kind => {
+            let wanted = service.kind.default_builtin();
+            let message = format!(
+                "this is of kind {}, the service is of kind {}; expected {BUILTIN_PREFIX}{} or a path",
+                builtin.kind(),
+                service.kind,
+                wanted.name()
+            );
+            add("exec", format!("\"{}\"", service.exec), message);
+        }
+        Exec::Path(path) if path.as_os_str().as_encoded_bytes().contains(&0) => {
+            add("exec", format!("{path:?}"), "a path has no NUL".to_owned());
+        }
+        _ => {}
+    }
+    if service.args.iter().any(|argument| argument.contains('\0')) {
+        add("args", format!("{:?}", service.args), "an argument has no NUL".to_owned());
+    }
+    for (variable, value) in &service.env {
+        if !is_variable(variable) {
+            let message = "the name of a variable is letters, digits and _, not a digit first".to_owned();
+            add("env", format!("{variable:?}"), message);
+        }
+        if LAUNCHERS_OWN.contains(&variable.as_str()) {
+            add(&format!("env.{variable}"), format!("{value:?}"), "this is set by the launcher".to_owned());
+        }
+        if value.contains('\0') {
+            add(&format!("env.{variable}"), format!("{value:?}"), "a variable has no NUL".to_owned());
+        }
+    }
+    found
+}
+
+fn is_variable(name: &str) -> bool {
+    !name.is_empty()
+        && !name.starts_with(|c: char| c.is_ascii_digit())
+        && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+}
+
+/// The built-in that was meant by `replay` or `builtin:repaly`.
+pub(crate) fn builtin_hint(text: &str) -> Option<String> {
+    let name = text.strip_prefix(BUILTIN_PREFIX).unwrap_or(text);
+    let near = suggest::nearest(name, Builtin::ALL.into_iter().map(Builtin::name))?;
+    Some(format!("did you mean \"{BUILTIN_PREFIX}{near}\"?"))
+}

@@ -1,0 +1,171 @@
+//! The tables of a graph file.
+
+use std::collections::BTreeMap;
+
+use echogrid_core::config::{MapperConfig, OdometryConfig};
+use echogrid_publisher::config::PublisherConfig;
+use echogrid_replay::config::ReplayConfig;
+use serde::{Deserialize, Serialize};
+
+use super::super::robot::FILE_ENDING;
+use super::super::run::RunConfig;
+use super::super::service::ServiceKind;
+use super::{Section, Text, defaults, key, probe, text, words};
+
+/// All tables of a graph file but `[services]`.
+pub(crate) static GRAPH: &[&Section] = &[&RUN, &REPLAY, &ODOMETRY, &MAPPER, &PUBLISHER];
+
+static RUN: Section = Section {
+    name: "run",
+    about: "how fast, where to, and on which robot",
+    keys: &[
+        words(
+            "rate",
+            &["max"],
+            "\"max\" or a number above 0 (times real time)",
+            "times real time, or \"max\": as fast as the slowest process takes it",
+        ),
+        text("out", Text::Path, "a path", "the folder that maps are saved to"),
+        text(
+            "domain",
+            Text::Plain,
+            "\"auto\" or a name: 1 to 20 of a-z, 0-9 and -",
+            "keeps two running graphs apart, or \"auto\": one that is free",
+        ),
+        text(
+            "robot",
+            Text::MaybePath(FILE_ENDING),
+            "\"auto\", the name of a built-in robot or a robot file",
+            "a built-in robot, a robot file, or \"auto\": what the log says",
+        ),
+    ],
+    probe: probe::<RunConfig>,
+    defaults: defaults::<RunConfig>,
+};
+
+static REPLAY: Section = Section {
+    name: "replay",
+    about: "the log that builtin:replay plays",
+    keys: &[text("log", Text::Path, "a path", "the log; empty: not named yet")],
+    probe: probe::<ReplayConfig>,
+    defaults: defaults::<ReplayConfig>,
+};
+
+pub(crate) static ODOMETRY: Section = Section {
+    name: "odometry",
+    about: "the odometry error model (eqs 1 to 4)",
+    keys: &[
+        words(
+            "systematic",
+            &["carry", "correct", "off"],
+            "one of carry, correct, off",
+            "carry: as doubt into the sensor model; correct: taken out of every increment; off",
+        ),
+        key("lin_scale", "a number (metres of error per metre)", "a_l, metres of error per metre travelled"),
+        key("lin_offset_m", "a number of metres", "sigma, metres, mean linear error that a rotation causes"),
+        key("lin_offset_from_turn_rad", "a number of radians", "radians turned from which sigma counts"),
+        key("ang_scale", "a number (radians of error per radian)", "a_theta, radians of error per radian turned"),
+        key("ang_offset_rad", "a number of radians", "alpha, radians, mean angular error that a translation causes"),
+        key("ang_offset_from_travel_m", "a number of metres", "metres travelled from which alpha counts"),
+        key("k_ll", "a number (m²/m)", "m²/m, variance of the linear error per metre travelled"),
+        key("k_lt", "a number (m²/rad)", "m²/rad, variance of the linear error per radian turned"),
+        key("k_tt", "a number (rad²/rad)", "rad²/rad, variance of the angular error per radian turned"),
+        key("k_tl", "a number (rad²/m)", "rad²/m, variance of the angular error per metre travelled"),
+        words(
+            "noise",
+            &["sampled", "one_sigma"],
+            "one of sampled, one_sigma",
+            "sampled: drawn per reading; one_sigma: one standard deviation, no draw",
+        ),
+        key("seed", "a whole number from 0 to 9223372036854775807", "seed of the draws"),
+    ],
+    probe: probe::<OdometryConfig>,
+    defaults: defaults::<OdometryConfig>,
+};
+
+static MAPPER: Section = Section {
+    name: "mapper",
+    about: "the grid and the sensor model (eqs 13 to 23)",
+    keys: &[
+        key("resolution_m", "a number of metres", "metres, side of a cell"),
+        words("fusion", &["paper"], "one of paper", "paper: eqs 21 to 23, log-odds added"),
+        key("log_odds_max", "a number", "log-odds are kept within plus and minus this"),
+        key("log_odds_prior", "a number", "l0, log-odds of a cell before any reading"),
+        key("p_occupied", "a probability", "probability at the peak of region II without odometry error"),
+        key("p_free", "a probability", "probability at the sensor in region I without odometry error"),
+        words(
+            "min_range_m",
+            &["auto"],
+            "a number of metres or \"auto\"",
+            "metres, readings below are refused, or \"auto\": by the kind of sensor",
+        ),
+        words(
+            "max_range_m",
+            &["auto"],
+            "a number of metres or \"auto\"",
+            "metres, readings above are refused, or \"auto\": by the kind of sensor",
+        ),
+        key("min_trust", "a number from 0 to 1", "readings that are trusted less are refused"),
+        words(
+            "sonars",
+            &["all"],
+            "\"all\" or a list of sonar numbers",
+            "sonars that are used: \"all\", or their numbers",
+        ),
+    ],
+    probe: probe::<MapperConfig>,
+    defaults: defaults::<MapperConfig>,
+};
+
+static PUBLISHER: Section = Section {
+    name: "publisher",
+    about: "the files that a map is saved to",
+    keys: &[
+        words(
+            "formats",
+            &["png", "pgm", "npy", "echogrid"],
+            "a list of png, pgm, npy, echogrid",
+            "png: for people; pgm: with YAML, for map_server; npy: for NumPy; echogrid: the native map",
+        ),
+        words(
+            "pgm_mode",
+            &["trinary", "scale", "raw"],
+            "one of trinary, scale, raw",
+            "what the grey levels of the PGM mean: trinary, scale or raw",
+        ),
+        key("occupied_thresh", "a probability", "a cell is occupied above this probability"),
+        key("free_thresh", "a probability", "a cell is free below this probability"),
+        key("draw_path", "true or false", "whether the picture shows where the robot went"),
+    ],
+    probe: probe::<PublisherConfig>,
+    defaults: defaults::<PublisherConfig>,
+};
+
+/// `[services.<name>]`.
+pub(crate) static SERVICE: Section = Section {
+    name: "services",
+    about: "the processes: exactly one sensor, odometry and mapper, one publisher or more",
+    keys: &[
+        words(
+            "kind",
+            &["sensor", "odometry", "mapper", "publisher"],
+            "one of sensor, odometry, mapper, publisher",
+            "its role: sensor, odometry, mapper or publisher",
+        ),
+        text("exec", Text::MaybePath("/"), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
+        key("args", "a list of strings", "arguments that it gets besides"),
+        key("env", "a table of strings", "environment variables that it gets besides"),
+    ],
+    probe: probe::<AsWritten>,
+    defaults: defaults::<AsWritten>,
+};
+
+/// A service before what it leaves out is filled in.
+#[derive(Default, Serialize, Deserialize)]
+#[serde(default)]
+struct AsWritten {
+    kind: Option<ServiceKind>,
+    exec: Option<String>,
+    args: Vec<String>,
+    env: BTreeMap<String, String>,
+}

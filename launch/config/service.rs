@@ -1,0 +1,184 @@
+//! `[services.<name>]`: the processes of the graph.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use super::run::NotA;
+
+/// One process of the graph.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Service {
+    /// Its role.
+    pub kind: ServiceKind,
+    /// What is started.
+    pub exec: Exec,
+    /// Arguments after those of the launcher.
+    #[serde(default)]
+    pub args: Vec<String>,
+    /// Added to the environment.
+    #[serde(default)]
+    pub env: BTreeMap<String, String>,
+}
+
+/// The role of a service in the graph, upstream to downstream.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServiceKind {
+    /// Says where the robot drove and what it heard.
+    Sensor,
+    /// Says where the robot is, and how far that can be trusted.
+    Odometry,
+    /// Makes the grid.
+    Mapper,
+    /// Gives the grid to people and programs.
+    Publisher,
+}
+
+impl ServiceKind {
+    /// All of them, upstream to downstream.
+    pub const ALL: [Self; 4] = [Self::Sensor, Self::Odometry, Self::Mapper, Self::Publisher];
+
+    /// As it is written; also the name of the default service of this kind.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Sensor => "sensor",
+            Self::Odometry => "odometry",
+            Self::Mapper => "mapper",
+            Self::Publisher => "publisher",
+        }
+    }
+
+    /// The service that plays this role unless another is named.
+    #[must_use]
+    pub fn default_builtin(self) -> Builtin {
+        match self {
+            Self::Sensor => Builtin::Replay,
+            Self::Odometry => Builtin::Odometry,
+            Self::Mapper => Builtin::Mapper,
+            Self::Publisher => Builtin::Publisher,
+        }
+    }
+
+    /// The kind that is written so.
+    pub(crate) fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.word() == word)
+    }
+}
+
+impl fmt::Display for ServiceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.word())
+    }
+}
+
+/// What is started for a service.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "RawExec")]
+pub enum Exec {
+    /// A service that echogrid carries.
+    Builtin(Builtin),
+    /// An executable.
+    Path(PathBuf),
+}
+
+/// What [`Exec`] is written as: a path that is not Unicode can't be.
+#[derive(Serialize)]
+#[serde(transparent)]
+struct RawExec(PathBuf);
+
+/// What a built-in is written with.
+pub(crate) const BUILTIN_PREFIX: &str = "builtin:";
+
+/// A service that echogrid carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Builtin {
+    /// Plays a log.
+    Replay,
+    /// Dead reckoning and its error.
+    Odometry,
+    /// The grid.
+    Mapper,
+    /// Files for people and programs.
+    Publisher,
+}
+
+impl Builtin {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Replay, Self::Odometry, Self::Mapper, Self::Publisher];
+
+    /// The name: what follows `builtin:`, and `echogrid service`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Replay => "replay",
+            Self::Odometry => "odometry",
+            Self::Mapper => "mapper",
+            Self::Publisher => "publisher",
+        }
+    }
+
+    /// The role that it plays.
+    #[must_use]
+    pub fn kind(self) -> ServiceKind {
+        match self {
+            Self::Replay => ServiceKind::Sensor,
+            Self::Odometry => ServiceKind::Odometry,
+            Self::Mapper => ServiceKind::Mapper,
+            Self::Publisher => ServiceKind::Publisher,
+        }
+    }
+
+    /// The built-in of this name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|builtin| builtin.name() == name)
+    }
+}
+
+impl TryFrom<String> for Exec {
+    type Error = NotA;
+
+    fn try_from(text: String) -> Result<Self, NotA> {
+        match text.strip_prefix(BUILTIN_PREFIX) {
+            Some(name) => Builtin::from_name(name)
+                .map(Self::Builtin)
+                .ok_or(NotA("builtin:replay, builtin:odometry, builtin:mapper or builtin:publisher")),
+            None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
+            None => Ok(Self::Path(text.into())),
+        }
+    }
+}
+
+impl From<Exec> for RawExec {
+    fn from(exec: Exec) -> Self {
+        match exec {
+            Exec::Builtin(builtin) => Self(format!("{BUILTIN_PREFIX}{}", builtin.name()).into()),
+            Exec::Path(path) => Self(path),
+        }
+    }
+}
+
+impl fmt::Display for Exec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Builtin(builtin) => write!(f, "{BUILTIN_PREFIX}{}", builtin.name()),
+            Self::Path(path) => path.display().fmt(f),
+        }
+    }
+}
+
+/// The graph of `echogrid map`: one service of each kind, named after it.
+#[must_use]
+pub fn default_services() -> BTreeMap<String, Service> {
+    let service = |kind: ServiceKind| Service {
+        kind,
+        exec: Exec::Builtin(kind.default_builtin()),
+        args: Vec::new(),
+        env: BTreeMap::new(),
+    };
+    ServiceKind::ALL.into_iter().map(|kind| (kind.word().to_owned(), service(kind))).collect()
+}

@@ -1,0 +1,9 @@
+//! The launcher: from a graph file to supervised processes, and the command line.
+
+pub mod cli;
+pub mod commands;
+pub mod config;
+pub mod progress;
+pub mod summary;
+pub mod supervisor;
+pub mod testing;

@@ -1,0 +1,114 @@
+//! A run while it lasts: a bar on a terminal, plain lines elsewhere.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use echogrid_topics::Health;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::supervisor::{Event, Observer, Progress};
+
+/// Without a terminal a line is printed this often.
+const LINE_EVERY: Duration = Duration::from_secs(5);
+
+/// Shows a run on standard error.
+#[derive(Debug)]
+pub struct Display {
+    bar: Option<ProgressBar>,
+    quiet: bool,
+    verbose: bool,
+    first_ns: Option<u64>,
+    started: Option<Instant>,
+    next_line: Instant,
+}
+
+impl Display {
+    /// A display of standard error's kind; `quiet`: only what the services log; `verbose`: what the launcher does, too.
+    #[must_use]
+    pub fn new(quiet: bool, verbose: bool) -> Self {
+        let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
+            let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+            bar.set_style(style(false));
+            bar
+        });
+        Self { bar, quiet, verbose, first_ns: None, started: None, next_line: Instant::now() + LINE_EVERY }
+    }
+
+    fn speed(&mut self, sensor: &Health) -> Option<f64> {
+        if sensor.progress == 0 {
+            return None;
+        }
+        let first_ns = *self.first_ns.get_or_insert(sensor.stamp_ns);
+        let elapsed = self.started.get_or_insert_with(Instant::now).elapsed().as_secs_f64();
+        (elapsed > 0.5).then(|| sensor.stamp_ns.saturating_sub(first_ns) as f64 * 1e-9 / elapsed)
+    }
+}
+
+fn style(known_length: bool) -> ProgressStyle {
+    let template = if known_length { "{bar:30} {percent:>3} %  {msg}" } else { "{spinner} {msg}" };
+    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+impl Observer for Display {
+    fn event(&mut self, event: &Event<'_>) {
+        if !self.verbose {
+            return;
+        }
+        match event {
+            Event::Started { name, pid } => self.line(&format!("{name} started (process {pid})")),
+            Event::Ready => self.line("all services ready"),
+            Event::Ended { name, how } => self.line(&format!("{name} ended: {how}")),
+        }
+    }
+
+    fn progress(&mut self, progress: &Progress<'_>) {
+        if self.quiet {
+            return;
+        }
+        let (ready, all) = progress.ready;
+        let text = match progress.sensor {
+            Some(sensor) if ready == all || sensor.progress > 0 => {
+                let speed = self.speed(sensor).map_or(String::new(), |speed| format!(", {speed:.1} × real time"));
+                format!("{} messages{speed}", sensor.progress)
+            }
+            _ => format!("{ready} of {all} services ready"),
+        };
+        let total = progress.sensor.map_or(0, |sensor| sensor.total);
+        match &self.bar {
+            Some(bar) => {
+                if total > 0 && bar.length().is_none() {
+                    bar.set_length(total);
+                    bar.set_style(style(true));
+                }
+                bar.set_position(progress.sensor.map_or(0, |sensor| sensor.progress));
+                bar.set_message(text);
+            }
+            None if Instant::now() >= self.next_line => {
+                self.next_line = Instant::now() + LINE_EVERY;
+                let of = if total > 0 { format!(" of {total}") } else { String::new() };
+                self.line(&format!("{text}{of}"));
+            }
+            None => {}
+        }
+    }
+
+    fn line(&mut self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| write_line(line)),
+            None => write_line(line),
+        }
+    }
+}
+
+/// Standard error may be closed; nobody is there to hear of that.
+fn write_line(line: &str) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+impl Drop for Display {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,175 @@
+//! What a run came to, for people and as JSON.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use echogrid_core::Verdict;
+use serde::Serialize;
+
+use crate::supervisor::Outcome;
+
+/// What a run came to.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// What was mapped: the log's name, or the sensor's.
+    pub source: String,
+    /// Whether the user stopped it before its end.
+    pub stopped: bool,
+    /// Scans in the map.
+    pub scans: u64,
+    /// Odometry poses used.
+    pub odometry: u64,
+    /// Readings in all.
+    pub readings: u64,
+    /// Readings in the map.
+    pub accepted: u64,
+    /// Readings refused, by reason.
+    pub refused: Vec<Refused>,
+    /// Travelled by odometry, metres.
+    pub distance_m: f64,
+    /// Trust in a nominal reading at the end.
+    pub trust: f64,
+    /// Cells by what is known of them.
+    pub cells: Cells,
+    /// Side of a cell, metres.
+    pub resolution_m: f64,
+    /// Width and height of what is known, metres.
+    pub extent_m: [f64; 2],
+    /// From the first to the last stamp of the sensor, seconds.
+    pub recorded_s: f64,
+    /// From all services ready to all gone, seconds.
+    pub elapsed_s: f64,
+    /// From the first process to all services ready, seconds.
+    pub startup_s: f64,
+    /// Messages that broke their contract, over all services.
+    pub faulty_messages: u64,
+    /// Messages that never arrived, over all services.
+    pub lost_messages: u64,
+    /// What was wrong with the log, counted.
+    pub log_faults: Vec<String>,
+    /// The files that were written.
+    pub files: Vec<PathBuf>,
+}
+
+/// Readings refused for one reason.
+#[derive(Debug, Serialize)]
+pub struct Refused {
+    /// The reason, as a key.
+    pub reason: &'static str,
+    /// How many.
+    pub readings: u64,
+}
+
+/// Cells by what is known of them.
+#[derive(Debug, Default, Serialize)]
+pub struct Cells {
+    /// Touched by some reading.
+    pub known: u64,
+    /// p > 0.65.
+    pub occupied: u64,
+    /// p < 0.35.
+    pub free: u64,
+}
+
+impl Summary {
+    /// Of a run that played `recorded_ns` (first and last stamp) at cells of `resolution_m`.
+    #[must_use]
+    pub fn of(outcome: &Outcome, source: String, recorded_ns: (u64, u64), resolution_m: f64) -> Self {
+        let map = outcome.map.clone().unwrap_or_default();
+        let extent_m = map.bounds.map_or([0.0; 2], |(low, high)| {
+            [f64::from(high.i - low.i + 1) * resolution_m, f64::from(high.j - low.j + 1) * resolution_m]
+        });
+        let refused = map
+            .verdicts
+            .iter()
+            .filter(|(verdict, count)| *verdict != Verdict::Accepted && *count > 0)
+            .map(|(verdict, readings)| Refused { reason: verdict.name(), readings })
+            .collect();
+        let acknowledged = |topic| {
+            let acks = outcome.health.values().flat_map(|health| &health.acks);
+            acks.filter(|ack| ack.topic == topic).map(|ack| ack.sequence).max().unwrap_or(0)
+        };
+        Self {
+            source,
+            stopped: outcome.stopped,
+            scans: map.scans,
+            // The end of the stream has a number too.
+            odometry: acknowledged(echogrid_topics::Topic::OdometryRaw).saturating_sub(1),
+            readings: map.verdicts.total(),
+            accepted: map.verdicts.get(Verdict::Accepted),
+            refused,
+            distance_m: map.distance_m,
+            trust: map.trust,
+            cells: Cells { known: map.cells_known, occupied: map.cells_occupied, free: map.cells_free },
+            resolution_m,
+            extent_m,
+            recorded_s: recorded_ns.1.saturating_sub(recorded_ns.0) as f64 * 1e-9,
+            elapsed_s: outcome.elapsed.as_secs_f64(),
+            startup_s: outcome.startup.as_secs_f64(),
+            faulty_messages: outcome.health.values().map(|health| health.faults).sum(),
+            lost_messages: outcome.health.values().map(|health| health.lost).sum(),
+            log_faults: Vec::new(),
+            files: Vec::new(),
+        }
+    }
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    if whole == 0 { 0.0 } else { 100.0 * part as f64 / whole as f64 }
+}
+
+fn clock(seconds: f64) -> String {
+    let whole = seconds.round() as u64;
+    if whole >= 60 { format!("{} min {:02} s", whole / 60, whole % 60) } else { format!("{seconds:.1} s") }
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let stopped = if self.stopped { " (stopped before its end)" } else { "" };
+        writeln!(
+            f,
+            "{}: {} scans, {} poses, {:.1} m in {}{stopped}",
+            self.source,
+            self.scans,
+            self.odometry,
+            self.distance_m,
+            clock(self.recorded_s)
+        )?;
+        write!(
+            f,
+            "readings  {} used of {} ({:.0} %)",
+            self.accepted,
+            self.readings,
+            percent(self.accepted, self.readings)
+        )?;
+        for (i, refused) in self.refused.iter().enumerate() {
+            let lead = if i == 0 { "; refused: " } else { ", " };
+            write!(f, "{lead}{} {}", refused.readings, refused.reason.replace('_', " "))?;
+        }
+        writeln!(f)?;
+        let Cells { known, occupied, free } = self.cells;
+        writeln!(
+            f,
+            "map       {:.1} × {:.1} m, {known} cells of {} m known: {:.0} % free, {:.0} % occupied, {:.0} % undecided",
+            self.extent_m[0],
+            self.extent_m[1],
+            self.resolution_m,
+            percent(free, known),
+            percent(occupied, known),
+            percent(known.saturating_sub(free + occupied), known),
+        )?;
+        writeln!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
+        let speed = if self.elapsed_s > 0.0 { self.recorded_s / self.elapsed_s } else { 0.0 };
+        writeln!(f, "time      {:.2} s ({speed:.0} × real time), start-up {:.2} s", self.elapsed_s, self.startup_s)?;
+        if self.lost_messages > 0 || self.faulty_messages > 0 {
+            writeln!(f, "messages  {} lost, {} refused as faulty", self.lost_messages, self.faulty_messages)?;
+        }
+        for fault in &self.log_faults {
+            writeln!(f, "log       {fault}")?;
+        }
+        for (i, file) in self.files.iter().enumerate() {
+            writeln!(f, "{}{}", if i == 0 { "files     " } else { "          " }, file.display())?;
+        }
+        Ok(())
+    }
+}

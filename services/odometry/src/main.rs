@@ -1,0 +1,5 @@
+//! The odometry as a process of its own.
+
+fn main() -> std::process::ExitCode {
+    echogrid_odometry::main()
+}

@@ -1,0 +1,407 @@
+//! Algorithm 1: occupancy grid mapping.
+
+use crate::config::{ConfigError, Limit, MapperConfig, Noise, SonarSelection};
+use crate::grid::{DirtyTiles, Grid, TileIndex};
+use crate::kernel::Kernel;
+use crate::noise::NoiseTerms;
+use crate::odometry::{Estimate, OdometryErrors};
+use crate::reading::{Echo, Reading};
+use crate::robot::{Robot, Sensor, SensorKind, Transducer};
+use crate::sensor_model::{Cone, Deviations};
+use crate::verdict::Verdict;
+
+/// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
+const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
+
+/// A transducer with all that the configuration says about it.
+#[derive(Debug, Clone, Copy)]
+struct Channel {
+    transducer: Transducer,
+    selected: bool,
+    min_range_m: f64,
+    max_range_m: f64,
+}
+
+/// Fuses readings into an occupancy grid.
+#[derive(Debug, Clone)]
+pub struct GridMapper {
+    config: MapperConfig,
+    noise: Noise,
+    seed: u64,
+    channels: Vec<Option<Channel>>,
+    grid: Grid,
+    kernel: Kernel,
+    dirty: DirtyTiles,
+}
+
+impl GridMapper {
+    /// A mapper with an empty grid. `noise` and `seed` are those of the odometry configuration.
+    ///
+    /// # Errors
+    /// When a value is out of range, a sonar is selected that the robot does not have, or a sensor of the robot is
+    /// left without a range between its limits.
+    pub fn new(mapper: &MapperConfig, noise: Noise, seed: u64, robot: Robot) -> Result<Self, ConfigError> {
+        mapper.validate()?;
+        Ok(Self {
+            config: mapper.clone(),
+            noise,
+            seed,
+            channels: channels(mapper, &robot)?,
+            grid: Grid::new(mapper.resolution_m),
+            kernel: Kernel::new(mapper.log_odds_prior, mapper.log_odds_max),
+            dirty: DirtyTiles::default(),
+        })
+    }
+
+    /// The map so far.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
+    /// ring that changed it last.
+    pub fn take_dirty(&mut self) -> Vec<TileIndex> {
+        self.dirty.take()
+    }
+
+    /// Algorithm 1 of the paper, for one reading of ring `sequence`. `estimate` is where the robot was when the
+    /// reading was taken (the stamp of its scan plus the reading's own offset), if that is known.
+    pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
+        match self.try_integrate(sequence, reading, estimate) {
+            Ok(()) => Verdict::Accepted,
+            Err(refusal) => refusal,
+        }
+    }
+
+    fn try_integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Result<(), Verdict> {
+        // Is it an echo at all?
+        let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
+        let range_m = channel.range_of(reading.echo)?;
+        // Where was the robot then?
+        let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
+        let map_from_transducer = estimate.pose * channel.transducer.base_from_transducer;
+        // How far to trust it (eqs 22, 23)
+        let cone = self.cone(&channel, range_m, &estimate.errors, (sequence, reading.transducer))?;
+        // Every cell of its cone (eq 20)
+        self.kernel
+            .add(&mut self.grid, &mut self.dirty, map_from_transducer, &cone, sequence)
+            .map_err(|_| Verdict::OffMap)
+    }
+
+    fn channel(&self, transducer: u16) -> Option<Channel> {
+        self.channels.get(usize::from(transducer)).copied().flatten()
+    }
+
+    fn cone(
+        &self,
+        channel: &Channel,
+        range_m: f64,
+        errors: &OdometryErrors,
+        (sequence, transducer): (u64, u16),
+    ) -> Result<Cone, Verdict> {
+        let sensor = &channel.transducer;
+        let noise = NoiseTerms::of(self.noise, errors, self.seed, sequence, transducer);
+        let deviations = Deviations::of(
+            range_m,
+            sensor.aperture_rad,
+            sensor.range_error_ratio,
+            self.config.resolution_m,
+            errors,
+            noise,
+        );
+        // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
+        if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
+            return Err(Verdict::Untrusted);
+        }
+        Ok(Cone {
+            range_m,
+            aperture_rad: sensor.aperture_rad,
+            range_cap_m: sensor.range_max_m,
+            deviations,
+            p_occupied: self.config.p_occupied,
+            p_free: self.config.p_free,
+        })
+    }
+}
+
+impl Channel {
+    /// The range of an echo that may be used, or why it may not.
+    fn range_of(&self, echo: Echo) -> Result<f64, Verdict> {
+        let range_m = match echo {
+            Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => range_m,
+            Echo::NoEcho => return Err(Verdict::NoEcho),
+            Echo::Hit { .. } | Echo::Invalid => return Err(Verdict::Invalid),
+        };
+        if range_m < self.min_range_m {
+            Err(Verdict::BelowMinimum)
+        } else if range_m > self.max_range_m {
+            Err(Verdict::AboveMaximum)
+        } else if !self.selected {
+            Err(Verdict::NotSelected)
+        } else {
+            Ok(range_m)
+        }
+    }
+}
+
+/// What the configuration says about each transducer of the robot, by index.
+fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Option<Channel>>, ConfigError> {
+    let mut channels = Vec::new();
+    let mut sonars: u16 = 0;
+    let end_of = |sensor: &Sensor| u32::from(sensor.first_transducer) + u32::from(sensor.transducers);
+    let end = robot.sensors.iter().map(end_of).max().unwrap_or(0);
+    for index in (0..=u16::MAX).take(end as usize) {
+        let Some(transducer) = robot.transducer(index) else {
+            channels.push(None);
+            continue;
+        };
+        let selected = match transducer.kind {
+            SensorKind::Lidar => true,
+            SensorKind::Sonar => {
+                let number = sonars;
+                sonars = sonars.saturating_add(1);
+                is_selected(&config.sonars, number)
+            }
+        };
+        let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
+        channels.push(Some(Channel { transducer, selected, min_range_m, max_range_m }));
+    }
+    if let SonarSelection::Numbers(numbers) = &config.sonars {
+        for number in numbers {
+            ConfigError::unless(*number < sonars, "sonars", number, "numbers of sonars that the robot has")?;
+        }
+    }
+    Ok(channels)
+}
+
+fn is_selected(selection: &SonarSelection, number: u16) -> bool {
+    match selection {
+        SonarSelection::Word(_) => true,
+        SonarSelection::Numbers(numbers) => numbers.contains(&number),
+    }
+}
+
+fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
+    let own = match transducer.kind {
+        SensorKind::Sonar => SONAR_LIMITS_M,
+        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m),
+    };
+    let metres = |limit: Limit, own: f64| match limit {
+        Limit::Metres(metres) => metres,
+        Limit::Word(_) => own,
+    };
+    let (min, max) = (metres(config.min_range_m, own.0), metres(config.max_range_m, own.1));
+    ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
+    Ok((min, max))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::LimitWord;
+    use crate::grid::CellIndex;
+    use crate::pose::Pose2;
+
+    fn sensor(kind: SensorKind, first_transducer: u16, transducers: u16, mount: Pose2) -> Sensor {
+        Sensor {
+            kind,
+            base_from_sensor: mount,
+            first_transducer,
+            transducers,
+            first_bearing_rad: 0.0,
+            bearing_step_rad: 0.01,
+            aperture_rad: if kind == SensorKind::Sonar { core::f64::consts::PI / 6.0 } else { 0.01 },
+            range_min_m: 0.02,
+            range_max_m: 5.0,
+            range_error_ratio: 0.01,
+        }
+    }
+
+    /// Sonar 0 (front), a lidar of three beams (1, 2, 3), sonars 4 (left) and 5 (rear).
+    fn robot() -> Robot {
+        let mount = |bearing: f64| Pose2::new(0.0, 0.0, bearing) * Pose2::new(0.2, 0.0, 0.0);
+        let quarter = core::f64::consts::FRAC_PI_2;
+        Robot {
+            sensors: vec![
+                sensor(SensorKind::Sonar, 0, 1, mount(0.0)),
+                sensor(SensorKind::Lidar, 1, 3, Pose2::IDENTITY),
+                sensor(SensorKind::Sonar, 4, 1, mount(quarter)),
+                sensor(SensorKind::Sonar, 5, 1, mount(2.0 * quarter)),
+            ],
+            ..Robot::default()
+        }
+    }
+
+    fn mapper(change: impl FnOnce(&mut MapperConfig)) -> Result<GridMapper, ConfigError> {
+        let mut config = MapperConfig::default();
+        change(&mut config);
+        GridMapper::new(&config, Noise::Sampled, 7, robot())
+    }
+
+    fn hit(transducer: u16, range_m: f64) -> Reading {
+        Reading { transducer, echo: Echo::Hit { range_m }, offset_ns: 0 }
+    }
+
+    fn here() -> Estimate {
+        Estimate::certain(Pose2::IDENTITY)
+    }
+
+    fn lost() -> Estimate {
+        let errors = OdometryErrors { eps_lin_m2: 100.0, eps_ang_rad2: 100.0, ..OdometryErrors::default() };
+        Estimate { errors, ..here() }
+    }
+
+    /// The verdict on one reading by a fresh mapper; whatever is refused must leave the grid alone.
+    fn check(change: impl FnOnce(&mut MapperConfig), reading: Reading, estimate: Option<Estimate>, expected: Verdict) {
+        let mut mapper = mapper(change).unwrap();
+        assert_eq!(mapper.integrate(1, &reading, estimate.as_ref()), expected, "{reading:?}");
+        assert_eq!(mapper.grid().tile_count() > 0, expected == Verdict::Accepted, "{reading:?}");
+        assert_eq!(!mapper.take_dirty().is_empty(), expected == Verdict::Accepted, "{reading:?}");
+    }
+
+    #[test]
+    fn each_verdict() {
+        let echo = |echo| Reading { transducer: 0, echo, offset_ns: 0 };
+        let off_map = Estimate::certain(Pose2::new(1e12, 0.0, 0.0));
+        let nowhere = Estimate::certain(Pose2 { x: f64::NAN, y: 0.0, theta: 0.0 });
+        check(|_| {}, hit(0, 2.0), Some(here()), Verdict::Accepted);
+        check(|_| {}, echo(Echo::NoEcho), Some(here()), Verdict::NoEcho);
+        check(|_| {}, echo(Echo::Invalid), Some(here()), Verdict::Invalid);
+        for no_range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            check(|_| {}, hit(0, no_range), Some(here()), Verdict::Invalid);
+        }
+        check(|_| {}, hit(6, 2.0), Some(here()), Verdict::Invalid);
+        check(|_| {}, hit(u16::MAX, 2.0), Some(here()), Verdict::Invalid);
+        check(|_| {}, hit(0, 2.0), None, Verdict::NoPose);
+        check(|_| {}, hit(0, 2.0), Some(nowhere), Verdict::NoPose);
+        check(|_| {}, hit(0, 2.0), Some(off_map), Verdict::OffMap);
+    }
+
+    #[test]
+    fn range_limits_of_a_sonar_are_the_papers() {
+        check(|_| {}, hit(0, 0.149), Some(here()), Verdict::BelowMinimum);
+        check(|_| {}, hit(0, 0.15), Some(here()), Verdict::Accepted);
+        check(|_| {}, hit(0, 4.0), Some(here()), Verdict::Accepted);
+        check(|_| {}, hit(0, 4.001), Some(here()), Verdict::AboveMaximum);
+    }
+
+    #[test]
+    fn range_limits_of_a_lidar_are_its_own() {
+        check(|_| {}, hit(2, 0.019), Some(here()), Verdict::BelowMinimum);
+        check(|_| {}, hit(2, 5.0), Some(here()), Verdict::Accepted);
+        check(|_| {}, hit(2, 5.001), Some(here()), Verdict::AboveMaximum);
+    }
+
+    #[test]
+    fn range_limits_in_metres_hold_for_all() {
+        let limits = |c: &mut MapperConfig| {
+            c.min_range_m = Limit::Metres(1.0);
+            c.max_range_m = Limit::Metres(3.0);
+        };
+        for transducer in [0, 2] {
+            check(limits, hit(transducer, 0.9), Some(here()), Verdict::BelowMinimum);
+            check(limits, hit(transducer, 3.1), Some(here()), Verdict::AboveMaximum);
+            check(limits, hit(transducer, 2.0), Some(here()), Verdict::Accepted);
+        }
+    }
+
+    #[test]
+    fn limits_that_leave_no_range_are_refused() {
+        let wrong = mapper(|c| {
+            c.min_range_m = Limit::Metres(4.5);
+            c.max_range_m = Limit::Word(LimitWord::Auto);
+        });
+        assert_eq!(wrong.unwrap_err().key, "min_range_m");
+    }
+
+    #[test]
+    fn selection_counts_sonars_and_spares_lidars() {
+        let first_and_last = |c: &mut MapperConfig| c.sonars = SonarSelection::Numbers(vec![0, 2]);
+        check(first_and_last, hit(0, 2.0), Some(here()), Verdict::Accepted);
+        check(first_and_last, hit(2, 2.0), Some(here()), Verdict::Accepted);
+        check(first_and_last, hit(4, 2.0), Some(here()), Verdict::NotSelected);
+        check(first_and_last, hit(5, 2.0), Some(here()), Verdict::Accepted);
+        let wrong = mapper(|c| c.sonars = SonarSelection::Numbers(vec![0, 3])).unwrap_err();
+        assert_eq!((wrong.key, wrong.value.as_str()), ("sonars", "3"));
+    }
+
+    #[test]
+    fn a_wrong_value_is_refused() {
+        assert_eq!(mapper(|c| c.p_free = 0.9).unwrap_err().key, "p_free");
+    }
+
+    #[test]
+    fn a_lost_robot_maps_nothing() {
+        check(|c| c.min_trust = 0.02, hit(0, 2.0), Some(lost()), Verdict::Untrusted);
+        let errors = OdometryErrors { eps_lin_m2: f64::INFINITY, ..OdometryErrors::default() };
+        check(|c| c.min_trust = 0.0, hit(0, 2.0), Some(Estimate { errors, ..here() }), Verdict::Untrusted);
+        let errors = OdometryErrors { eps_lin_m2: f64::NAN, ..OdometryErrors::default() };
+        check(|c| c.min_trust = 0.0, hit(0, 2.0), Some(Estimate { errors, ..here() }), Verdict::Untrusted);
+    }
+
+    #[test]
+    fn a_wall_ahead_is_found_and_the_way_to_it_is_free() {
+        let mut mapper = mapper(|_| {}).unwrap();
+        for sequence in 1..=5 {
+            assert_eq!(mapper.integrate(sequence, &hit(0, 2.0), Some(&here())), Verdict::Accepted);
+        }
+        let at = |x: f64, y: f64| mapper.grid().log_odds(mapper.grid().cell_at(x, y));
+        assert!(at(2.21, 0.01).unwrap() > 2.0, "the sonar sits 0.2 m ahead of the base");
+        assert!(at(1.0, 0.01).unwrap() < -1.0);
+        assert_eq!(at(2.5, 0.01), None);
+        assert_eq!(at(-0.5, 0.01), None);
+    }
+
+    #[test]
+    fn dirty_tiles_and_revisions_follow_the_rings() {
+        let mut mapper = mapper(|_| {}).unwrap();
+        mapper.integrate(3, &hit(0, 2.0), Some(&here()));
+        let first = mapper.take_dirty();
+        assert!(!first.is_empty() && first.is_sorted());
+        mapper.integrate(4, &hit(5, 2.0), Some(&here()));
+        let second = mapper.take_dirty();
+        for (index, tile) in mapper.grid().tiles() {
+            assert_eq!(tile.revision, if second.contains(&index) { 4 } else { 3 });
+            assert!(first.contains(&index) || second.contains(&index));
+        }
+        assert!(mapper.take_dirty().is_empty());
+    }
+
+    #[test]
+    fn the_same_readings_give_the_same_bytes() {
+        let map = |seed: u64| {
+            let mut mapper = GridMapper::new(&MapperConfig::default(), Noise::Sampled, seed, robot()).unwrap();
+            let errors = OdometryErrors { eps_lin_m2: 1e-3, eps_ang_rad2: 1e-3, ..OdometryErrors::default() };
+            for sequence in 0..20 {
+                let pose = Pose2::new(0.03 * sequence as f64, 0.0, 0.05 * sequence as f64);
+                for transducer in 0..6 {
+                    mapper.integrate(
+                        sequence,
+                        &hit(transducer, 1.7),
+                        Some(&Estimate { errors, ..Estimate::certain(pose) }),
+                    );
+                }
+            }
+            let mut bytes = Vec::new();
+            for (_, tile) in mapper.grid().tiles() {
+                bytes.extend(tile.log_odds.iter().flat_map(|value| value.to_le_bytes()));
+            }
+            bytes
+        };
+        assert_eq!(map(1), map(1));
+        assert_ne!(map(1), map(2));
+    }
+
+    #[test]
+    fn one_sigma_does_not_depend_on_the_seed() {
+        let map = |seed: u64| {
+            let mut mapper = GridMapper::new(&MapperConfig::default(), Noise::OneSigma, seed, robot()).unwrap();
+            let errors = OdometryErrors { eps_lin_m2: 1e-3, eps_ang_rad2: 1e-3, ..OdometryErrors::default() };
+            mapper.integrate(1, &hit(0, 2.0), Some(&Estimate { errors, ..here() }));
+            mapper.grid().log_odds(CellIndex { i: 44, j: 0 })
+        };
+        assert!(map(1).is_some());
+        assert_eq!(map(1), map(2));
+    }
+}

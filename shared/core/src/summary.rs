@@ -1,0 +1,72 @@
+//! A grid in a few numbers.
+
+use crate::grid::{CellIndex, Grid};
+use crate::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, entropy_bits, log_odds_of};
+
+/// How much a grid knows.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct GridSummary {
+    /// Cells that a reading touched: `occupied + free + undecided`.
+    pub known: u64,
+    /// Of these, how many are occupied (p > 0.65).
+    pub occupied: u64,
+    /// How many are free (p < 0.35).
+    pub free: u64,
+    /// How many are neither.
+    pub undecided: u64,
+    /// Sum of the entropies of the known cells, bits.
+    pub entropy_bits: f64,
+    /// Lowest and highest column and row of the known cells, both included; none if none is known.
+    pub bounds: Option<(CellIndex, CellIndex)>,
+}
+
+impl GridSummary {
+    /// The summary of a grid.
+    #[must_use]
+    pub fn of(grid: &Grid) -> Self {
+        let (occupied_above, free_below) = (log_odds_of(OCCUPIED_ABOVE), log_odds_of(FREE_BELOW));
+        let mut summary = Self { bounds: grid.bounds(), ..Self::default() };
+        for (_, tile) in grid.tiles() {
+            for log_odds in tile.log_odds.iter().filter(|value| !value.is_nan()).map(|value| f64::from(*value)) {
+                summary.known += 1;
+                if log_odds > occupied_above {
+                    summary.occupied += 1;
+                } else if log_odds < free_below {
+                    summary.free += 1;
+                } else {
+                    summary.undecided += 1;
+                }
+                summary.entropy_bits += entropy_bits(log_odds);
+            }
+        }
+        summary
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_known() {
+        let mut grid = Grid::new(0.05);
+        assert_eq!(GridSummary::of(&grid), GridSummary::default());
+        grid.tile_mut(CellIndex { i: 5, j: 5 }.tile());
+        assert_eq!(GridSummary::of(&grid), GridSummary::default(), "a tile of unknown cells knows nothing");
+    }
+
+    #[test]
+    fn each_kind_is_counted() {
+        let mut grid = Grid::new(0.05);
+        let cells = [(-70, 3, 2.0f32), (0, 0, -2.0), (5, 130, 0.0), (6, 1, 0.5), (7, 1, f32::INFINITY)];
+        for (i, j, value) in cells {
+            let cell = CellIndex { i, j };
+            grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = value;
+        }
+        let summary = GridSummary::of(&grid);
+        assert_eq!((summary.known, summary.occupied, summary.free, summary.undecided), (5, 2, 1, 2));
+        assert_eq!(summary.bounds, Some((CellIndex { i: -70, j: 0 }, CellIndex { i: 7, j: 130 })));
+        let expected = 2.0 * entropy_bits(2.0) + 1.0 + entropy_bits(0.5);
+        assert!((summary.entropy_bits - expected).abs() < 1e-12);
+    }
+}

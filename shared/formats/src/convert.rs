@@ -1,0 +1,378 @@
+//! From one file format to another.
+//!
+//! What goes in is told by its content, what comes out by the extension of its name:
+//!
+//! | in | out |
+//! |---|---|
+//! | a native map | `.png`; `.pgm` or `.yaml` (the pair, mode `trinary`); `.npy` with a `.yaml` beside it; `.echogrid` |
+//! | a map_server YAML (with its image) | `.pgm` or `.yaml` (the pair, mode `trinary`); `.npy` with a `.yaml` beside it |
+//! | a log of any readable format | `.log` or `.clf`, or the same with `.gz`: a CARMEN log |
+//!
+//! A map_server pair does not become a native map: that holds evidence, path and provenance,
+//! which would have to be made up.
+
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+
+use crate::log::carmen::CarmenWriter;
+use crate::log::{self, KNOWN_FORMATS, LogError};
+use crate::map::map_server::{self, MapMode};
+use crate::map::{MapError, OccupancyMap, native, npy, picture};
+use crate::near::near_word;
+use crate::whole_file::{WholeFile, write_whole};
+use crate::{WriteError, map::map_server::MapYaml};
+
+/// What a conversion did.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConvertReport {
+    /// What went in, in words.
+    pub input: String,
+    /// The files written.
+    pub written: Vec<PathBuf>,
+    /// What the output can't hold, in words; empty if nothing is lost.
+    pub lost: Vec<String>,
+}
+
+/// Why a conversion failed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ConvertError {
+    /// The log can't be read.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The map can't be read or written.
+    #[error(transparent)]
+    Map(#[from] MapError),
+    /// The output can't be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// What goes in is no map and no log.
+    #[error("{}: neither a map nor a log: {why}; expected a native map (.echogrid), the YAML of a map_server map, {KNOWN_FORMATS}", path.display())]
+    UnknownInput {
+        /// The file.
+        path: PathBuf,
+        /// What it is instead.
+        why: String,
+    },
+    /// There is no way from this input to that output.
+    #[error(
+        "{} is {input}, which can't be written as {}; possible: {possible}{}",
+        path.display(),
+        output.display(),
+        near.map(|near| format!("; did you mean {near}?")).unwrap_or_default()
+    )]
+    Impossible {
+        /// The input.
+        path: PathBuf,
+        /// What it is.
+        input: &'static str,
+        /// The output asked for.
+        output: PathBuf,
+        /// The extensions that are possible.
+        possible: &'static str,
+        /// The extension that was probably meant.
+        near: Option<&'static str>,
+    },
+    /// Input and output are the same file.
+    #[error("{}: input and output are the same file", path.display())]
+    SameFile {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+/// What goes in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Input {
+    NativeMap,
+    MapServer,
+    Log,
+}
+
+impl Input {
+    fn name(self) -> &'static str {
+        match self {
+            Self::NativeMap => "a native map",
+            Self::MapServer => "a map_server map",
+            Self::Log => "a log",
+        }
+    }
+
+    fn outputs(self) -> (&'static str, &'static [&'static str]) {
+        match self {
+            Self::NativeMap => (".png, .pgm, .yaml, .npy, .echogrid", &["png", "pgm", "yaml", "npy", "echogrid"]),
+            Self::MapServer => (".pgm, .yaml, .npy", &["pgm", "yaml", "npy"]),
+            Self::Log => (".log, .log.gz, .clf, .clf.gz", &["log", "log.gz", "clf", "clf.gz"]),
+        }
+    }
+}
+
+/// Converts a file. Every output is written whole or not at all.
+///
+/// # Errors
+/// When the input can't be read, the output can't be written, or there is no way from one to the
+/// other (the error lists what is possible).
+pub fn convert(input: &Path, output: &Path) -> Result<ConvertReport, ConvertError> {
+    let kind = kind_of(input)?;
+    let extension = extension(output);
+    let (possible, extensions) = kind.outputs();
+    if !extensions.contains(&extension.as_str()) {
+        return Err(ConvertError::Impossible {
+            path: input.to_path_buf(),
+            input: kind.name(),
+            output: output.to_path_buf(),
+            possible,
+            near: near_word(&extension, extensions.iter().copied()),
+        });
+    }
+    match kind {
+        Input::NativeMap => convert_native(input, output, &extension),
+        Input::MapServer => convert_map_server(input, output, &extension),
+        Input::Log => convert_log(input, output, extension.ends_with(".gz")),
+    }
+}
+
+fn kind_of(input: &Path) -> Result<Input, ConvertError> {
+    let mut head = Vec::new();
+    if !input.is_dir() {
+        let file = log_file(input)?;
+        file.take(4096).read_to_end(&mut head).map_err(|source| MapError::read(input, source))?;
+    }
+    if head.starts_with(&native::MAGIC) {
+        return Ok(Input::NativeMap);
+    }
+    let unknown = |why: &str| ConvertError::UnknownInput { path: input.to_path_buf(), why: why.into() };
+    let is_image = [b"\x89PNG".as_slice(), b"P2", b"P3", b"P5", b"P6"].iter().any(|magic| head.starts_with(magic));
+    if is_image {
+        return Err(unknown("an image says nothing of metres; name the YAML that goes with it"));
+    }
+    let is_yaml = head.split(|byte| *byte == b'\n').any(|line| line.starts_with(b"image:"));
+    if is_yaml {
+        return Ok(Input::MapServer);
+    }
+    match log::detect_format(input) {
+        Ok(_) => Ok(Input::Log),
+        Err(LogError::UnknownFormat { begins, .. }) => Err(unknown(&format!("it begins with \"{begins}\""))),
+        Err(error) => Err(error.into()),
+    }
+}
+
+fn log_file(path: &Path) -> Result<std::fs::File, ConvertError> {
+    Ok(std::fs::File::open(path).map_err(|source| MapError::read(path, source))?)
+}
+
+fn extension(path: &Path) -> String {
+    let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let parts: Vec<&str> = name.split('.').skip(1).collect();
+    match parts.as_slice() {
+        [.., before, "gz"] => format!("{before}.gz"),
+        [.., last] if *last == "yml" => "yaml".into(),
+        [.., last] => (*last).to_owned(),
+        [] => String::new(),
+    }
+}
+
+fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
+    let document = native::read(input)?;
+    let mut report = ConvertReport { input: Input::NativeMap.name().into(), written: Vec::new(), lost: Vec::new() };
+    match extension {
+        "echogrid" => {
+            native::write(output, &document)?;
+            report.written.push(output.to_path_buf());
+        }
+        "png" => {
+            write_whole(output, &picture::encode(&document)?)?;
+            report.written.push(output.to_path_buf());
+            report.lost.push("a picture has no scale: resolution and origin are not in it".into());
+        }
+        _ => {
+            report.lost.push("path, trust, revisions and provenance".into());
+            write_occupancy(input, output, extension, &OccupancyMap::of(&document.grid)?, &mut report)?;
+        }
+    }
+    Ok(report)
+}
+
+fn convert_map_server(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
+    let (_, map) = map_server::read(input)?;
+    let mut report = ConvertReport { input: Input::MapServer.name().into(), written: Vec::new(), lost: Vec::new() };
+    write_occupancy(input, output, extension, &map, &mut report)?;
+    Ok(report)
+}
+
+/// Writes a map_server pair, or an array with its YAML.
+fn write_occupancy(
+    input: &Path,
+    output: &Path,
+    extension: &str,
+    map: &OccupancyMap,
+    report: &mut ConvertReport,
+) -> Result<(), ConvertError> {
+    let folder = output.parent().unwrap_or(Path::new(""));
+    let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let yaml_path = folder.join(format!("{stem}.yaml"));
+    refuse_same(input, &yaml_path)?;
+    if extension == "npy" {
+        write_whole(output, &npy::encode(map))?;
+        let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let yaml: MapYaml = map_server::yaml(map, MapMode::Trinary, name);
+        let text =
+            format!("# Resolution and origin of a NumPy array of probabilities; no image for map_server.\n{yaml}");
+        write_whole(&yaml_path, text.as_bytes())?;
+        report.written.extend([output.to_path_buf(), yaml_path]);
+        return Ok(());
+    }
+    report.lost.push("probabilities: a cell is occupied, free or unknown (mode trinary)".into());
+    report.written.extend(map_server::write(folder, &stem, map, MapMode::Trinary)?);
+    Ok(())
+}
+
+fn convert_log(input: &Path, output: &Path, gzipped: bool) -> Result<ConvertReport, ConvertError> {
+    refuse_same(input, output)?;
+    let survey = log::survey(input)?;
+    let mut events = log::open(input, &survey)?;
+    let mut file = WholeFile::create(output)?;
+    let scans_without_pose = if gzipped {
+        let encoder = GzEncoder::new(&mut file, Compression::new(6));
+        let (encoder, scans_without_pose) = write_events(encoder, &survey, &mut events, output)?;
+        encoder.finish().map_err(|source| failed(output, source))?;
+        scans_without_pose
+    } else {
+        write_events(&mut file, &survey, &mut events, output)?.1
+    };
+    file.commit()?;
+    let mut lost = vec!["nearest ranges of the sensors, messages that are not used, refused lines".to_owned()];
+    if scans_without_pose > 0 {
+        lost.push(format!("{scans_without_pose} scans before the first odometry"));
+    }
+    if survey.stamps == log::StampQuality::OrderOnly {
+        lost.push("the stamps, which were useless: made-up ones stand for the order".into());
+    }
+    Ok(ConvertReport { input: survey.format.to_string(), written: vec![output.to_path_buf()], lost })
+}
+
+/// Writes all events; the writer, and how many scans had no pose.
+fn write_events<W: io::Write>(
+    out: W,
+    survey: &log::LogSurvey,
+    events: &mut log::LogReader,
+    output: &Path,
+) -> Result<(W, u64), ConvertError> {
+    let mut writer = CarmenWriter::new(out, &survey.robot).map_err(|source| failed(output, source))?;
+    for event in events {
+        writer.event(&event?).map_err(|source| failed(output, source))?;
+    }
+    let scans_without_pose = writer.scans_without_pose;
+    let mut out = writer.into_inner();
+    out.flush().map_err(|source| failed(output, source))?;
+    Ok((out, scans_without_pose))
+}
+
+fn failed(path: &Path, source: io::Error) -> WriteError {
+    WriteError { path: path.to_path_buf(), doing: "writing", source }
+}
+
+/// A log is read while its output is written beside it, so they could be one file; no user wants that.
+fn refuse_same(input: &Path, output: &Path) -> Result<(), ConvertError> {
+    match (input.canonicalize(), output.canonicalize()) {
+        (Ok(input), Ok(output)) if input == output => Err(ConvertError::SameFile { path: output }),
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echogrid_core::{CellIndex, Grid, Pose2};
+
+    use super::*;
+    use crate::map::{MapDocument, PathPoint, Provenance};
+
+    const LOG: &str = "PARAM robot_front_laser_max 10 nohost 0\n\
+        ODOM 0 0 0.1 0.25 -0.1 0 1.000000001 h 0\n\
+        FLASER 3 1.25 10 nan 0 0 0 0 0 0 1.1 h 0\n\
+        ROBOTLASER3 0 -1 2 1 20 0 0 3 5.5 20 1 0 0.3 0 0.1 0 0 0.1 0.25 0 0 0 0 1.2 h 0\n\
+        SONAR 0.5 2 2.5 5 0.1 0 1.57 0.1 0 -1.57 1.3 h 0\n\
+        SONAR 0.5 2 5 5 0.1 0 1.57 0.1 0 -1.57 1.4 h 0\n\
+        TRUEPOS 7 8 0.5 0 0 0 1.5 h 0\n";
+
+    fn native_map(folder: &Path) -> PathBuf {
+        let mut grid = Grid::new(0.1);
+        for (i, log_odds) in [(0, 3.0), (1, -3.0), (3, 0.1)] {
+            let cell = CellIndex { i, j: 0 };
+            grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = log_odds;
+        }
+        let path = vec![PathPoint { stamp_ns: 1, pose: Pose2::IDENTITY, trust: 1.0 }];
+        let file = folder.join("m.echogrid");
+        native::write(&file, &MapDocument { grid, path, provenance: Provenance::default() }).unwrap();
+        file
+    }
+
+    #[test]
+    fn a_log_comes_back_event_for_event() {
+        let folder = tempfile::tempdir().unwrap();
+        let [first, second, third] = ["a.txt", "b.log.gz", "c.log"].map(|name| folder.path().join(name));
+        std::fs::write(&first, LOG).unwrap();
+        convert(&first, &second).unwrap();
+        convert(&second, &third).unwrap();
+        let read = |path: &Path| {
+            let survey = log::survey(path).unwrap();
+            let events: Vec<_> = log::open(path, &survey).unwrap().map(Result::unwrap).collect();
+            (survey.robot, events)
+        };
+        let (robot, events) = read(&first);
+        assert_eq!(events.len(), 6);
+        assert_eq!(robot.transducer_count(), 8);
+        for path in [second, third] {
+            let (robot_again, events_again) = read(&path);
+            assert_eq!(events_again, events);
+            assert_eq!(robot_again.transducer_count(), 8);
+            let mount = |robot: &echogrid_core::Robot| robot.sensors[1].base_from_sensor;
+            assert!(mount(&robot).distance_m(mount(&robot_again)) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_native_map_becomes_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = native_map(folder.path());
+        for (name, files) in [("p.png", 1), ("q.pgm", 2), ("r.yaml", 2), ("s.npy", 2), ("t.echogrid", 1)] {
+            let report = convert(&map, &folder.path().join(name)).unwrap();
+            assert_eq!(report.written.len(), files, "{name}");
+            assert!(report.written.iter().all(|path| path.is_file()));
+        }
+        assert_eq!(std::fs::read(&map).unwrap(), std::fs::read(folder.path().join("t.echogrid")).unwrap());
+        let (_, back) = map_server::read(&folder.path().join("q.yaml")).unwrap();
+        assert_eq!(
+            (0..4).map(|column| back.probability_at(column, 0)).collect::<Vec<_>>(),
+            [Some(1.0), Some(0.0), None, None]
+        );
+        let report = convert(&folder.path().join("q.yaml"), &folder.path().join("u.npy")).unwrap();
+        assert_eq!(report.input, "a map_server map");
+    }
+
+    #[test]
+    fn errors_say_what_is_possible() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = native_map(folder.path());
+        let check = |input: &Path, output: &str, expected: &str| {
+            let error = convert(input, &folder.path().join(output)).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        };
+        check(&map, "a.log", "possible: .png, .pgm, .yaml, .npy, .echogrid");
+        check(&map, "a.pmg", "did you mean pgm?");
+        check(&folder.path().join("m.echogird"), "a.png", "did you mean");
+        let log = folder.path().join("l.log");
+        std::fs::write(&log, LOG).unwrap();
+        check(&log, "a.png", "a log, which can't be written as");
+        check(&log, "l.log", "same file");
+        let image = folder.path().join("i.pgm");
+        std::fs::write(&image, b"P5\n1 1\n255\n\0").unwrap();
+        check(&image, "a.npy", "name the YAML");
+        let other = folder.path().join("x");
+        std::fs::write(&other, b"%PDF").unwrap();
+        check(&other, "a.npy", "it begins with");
+    }
+}

@@ -1,0 +1,35 @@
+//! CARMEN logs: one message per line, blank-separated, `#` comments; plain or gzipped.
+//!
+//! | message | becomes |
+//! |---|---|
+//! | `ODOM` | odometry |
+//! | `FLASER`, `RLASER`, `ROBOTLASERk`, `RAWLASERk`, `SONAR` | a scan; without `ODOM` lines its robot pose is the odometry |
+//! | `TRUEPOS` | a true pose |
+//! | `PARAM` | a parameter: laser offsets, laser maximum, robot size |
+//! | others | skipped and counted |
+//!
+//! The time of a message is its `ipc_timestamp`, the third word from the end.
+
+mod ceiling;
+mod kinds;
+mod message;
+mod read;
+mod survey;
+mod write;
+
+pub(crate) use kinds::CarmenPlan;
+pub(crate) use message::is_message_name;
+pub use read::read;
+pub use survey::survey;
+pub(crate) use write::CarmenWriter;
+
+/// Ranges beyond this are garbage, metres.
+const RANGE_MAX_M: f64 = 1e5;
+/// The parameter by which a log written by echogrid says its sonars' maximum, metres: larger ranges
+/// are no echo.
+pub(crate) const SONAR_MAX_PARAM: &str = "echogrid_sonar_max";
+
+/// Whether a range is a number that a sensor may have written.
+fn is_sane(range_m: f64) -> bool {
+    range_m.is_finite() && range_m.abs() <= RANGE_MAX_M
+}

@@ -1,0 +1,202 @@
+//! The first pass over a CARMEN log.
+
+use std::collections::BTreeMap;
+use std::io::Read;
+use std::path::Path;
+
+use echogrid_core::Pose2;
+
+use super::kinds::{CarmenPlan, KindRecord, kinds_in_use, robot_and_plan};
+use super::message::{Message, ScanKind, ScanLine, parse};
+use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
+use crate::log::lines::{Line, Lines};
+use crate::log::source::hex;
+use crate::log::tally::{EventTally, Summary};
+use crate::log::timeline::Rank;
+use crate::log::{LogError, LogFormat, LogSurvey};
+
+/// Parameters that are kept, and their longest value in bytes.
+const PARAMS_MAX: usize = 4096;
+const PARAM_BYTES: usize = 1024;
+/// Names of unknown messages that are told apart.
+const NAMES_MAX: usize = 64;
+
+/// Surveys a CARMEN log. `path` is for errors only.
+///
+/// # Errors
+/// When reading fails, or the log holds no odometry or no readings.
+pub fn survey(stored: impl Read, path: &Path) -> Result<LogSurvey, LogError> {
+    let mut lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
+    let mut surveyor = Surveyor {
+        faults: FaultCounter::default(),
+        skipped: BTreeMap::new(),
+        params: BTreeMap::new(),
+        kinds: BTreeMap::new(),
+        events: EventTally::new(),
+    };
+    while let Some(line) = lines.next().map_err(|source| LogError::open(path, source))? {
+        surveyor.line(line);
+    }
+    let stored = lines.finish().map_err(|source| LogError::open(path, source))?;
+    let mut survey = surveyor.conclude(path)?;
+    survey.sha256 = hex(stored.hasher);
+    survey.byte_counts = vec![stored.bytes];
+    Ok(survey)
+}
+
+/// What a line is to the order of events.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Class {
+    Odometry,
+    TruePose,
+    Scan(ScanKind),
+}
+
+struct Surveyor {
+    faults: FaultCounter,
+    skipped: BTreeMap<String, u64>,
+    params: BTreeMap<String, String>,
+    kinds: BTreeMap<ScanKind, KindRecord>,
+    events: EventTally<Class>,
+}
+
+impl Surveyor {
+    fn line(&mut self, line: Line<'_>) {
+        match line {
+            Line::Bytes(number, bytes) => match parse(bytes) {
+                Ok(message) => self.message(number, message),
+                Err(refusal) => self.faults.count(number, refusal),
+            },
+            Line::TooLong(number) => self.faults.count(number, Refusal::new(FaultKind::LineTooLong, "")),
+            Line::Damaged(number, what) => self.faults.count(number, Refusal::new(FaultKind::GzipDamaged, what)),
+        }
+    }
+
+    fn message(&mut self, line: u64, message: Message<'_>) {
+        match message {
+            Message::Odometry { odom_from_base, stamp_ns, .. } => {
+                self.event(line, Class::Odometry, Some(odom_from_base), stamp_ns, 0);
+            }
+            Message::TruePose { stamp_ns, .. } => self.event(line, Class::TruePose, None, stamp_ns, 0),
+            Message::Scan(scan) => self.scan(line, &scan),
+            Message::Param { name, value } => self.param(name, value),
+            Message::Other { name } => {
+                let known = self.skipped.len() < NAMES_MAX || self.skipped.contains_key(name);
+                *self.skipped.entry(if known { name } else { "(others)" }.to_owned()).or_insert(0) += 1;
+            }
+            Message::Nothing => {}
+        }
+    }
+
+    fn scan(&mut self, line: u64, scan: &ScanLine) {
+        let record = self.kinds.entry(scan.kind).or_insert_with(|| KindRecord::new(scan, line));
+        if !record.geometry.fits(scan) {
+            let sample = format!("{} of {} readings", scan.kind.name(), scan.ranges.len());
+            self.faults.count(line, Refusal::new(FaultKind::GeometryChanged, sample));
+            return;
+        }
+        record.add(scan);
+        for (kind, is_faulty) in [
+            (FaultKind::RangeNotFinite, (|range| !range.is_finite()) as fn(f64) -> bool),
+            (FaultKind::AbsurdRange, |range| range.is_finite() && !super::is_sane(range)),
+        ] {
+            let mut faulty = scan.ranges.iter().filter(|range| is_faulty(**range));
+            if let Some(first) = faulty.next() {
+                let count = 1 + faulty.count() as u64;
+                self.faults.count_many(line, Refusal::new(kind, first.to_string()), count);
+            }
+        }
+        let carried = scan.carried.map(|carried| carried.odom_from_base);
+        self.event(line, Class::Scan(scan.kind), carried, scan.stamp_ns, scan.ranges.len());
+    }
+
+    fn event(&mut self, line: u64, class: Class, pose: Option<Pose2>, stamp_ns: Option<u64>, weight: usize) {
+        if stamp_ns.is_none() {
+            self.faults.count(line, Refusal::new(FaultKind::BadStamp, "the third word from the end"));
+        }
+        let rank = match class {
+            Class::Odometry => Rank::Odometry,
+            Class::TruePose => Rank::TruePose,
+            Class::Scan(_) => Rank::Scan,
+        };
+        self.events.add(class, rank, pose, stamp_ns, weight);
+    }
+
+    /// The last value before the first scan counts; later ones only where there was none.
+    fn param(&mut self, name: &str, value: &str) {
+        let is_new = !self.params.contains_key(name);
+        if name.len() > PARAM_BYTES || value.len() > PARAM_BYTES || (is_new && self.params.len() >= PARAMS_MAX) {
+            return;
+        }
+        if is_new || self.kinds.is_empty() {
+            self.params.insert(name.to_owned(), value.to_owned());
+        }
+    }
+
+    fn conclude(mut self, path: &Path) -> Result<LogSurvey, LogError> {
+        self.events.finish();
+        let faults = self.faults.into_faults();
+        let kinds = kinds_in_use(&self.kinds);
+        let mut skipped = self.skipped;
+        for (kind, record) in self.kinds.iter().filter(|(kind, _)| !kinds.contains(kind)) {
+            *skipped.entry(kind.name()).or_insert(0) += record.lines;
+        }
+        if kinds.is_empty() {
+            return Err(no_readings(path, &faults));
+        }
+        let odometry_from = if self.events.lines(Class::Odometry) > 0 {
+            None
+        } else {
+            // The most poses; at equal numbers the kind that comes first.
+            let poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind));
+            let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0);
+            Some(*most.ok_or_else(|| no_odometry(path, &faults))?)
+        };
+        let (robot, used) = robot_and_plan(&self.kinds, &kinds, &self.params)
+            .map_err(|count| LogError::TooManyTransducers { path: path.to_path_buf(), count })?;
+        let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
+        let Summary { stamps, first_stamp_ns, last_stamp_ns, distance_m } =
+            self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
+        let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
+        let readings_per_line = |record: &KindRecord| record.geometry.readings;
+        Ok(LogSurvey {
+            format: LogFormat::CarmenLog,
+            robot,
+            odometry_count: self.events.poses(odometry),
+            scan_count: used_records().map(|record| record.lines).sum(),
+            reading_count: used_records().map(|record| record.lines * readings_per_line(record) as u64).sum(),
+            true_pose_count: self.events.lines(Class::TruePose),
+            max_readings_per_scan: used_records().map(readings_per_line).max().unwrap_or(0),
+            first_stamp_ns,
+            last_stamp_ns,
+            distance_m,
+            stamps,
+            skipped,
+            faults,
+            sha256: String::new(),
+            params: self.params,
+            byte_counts: Vec::new(),
+            plan: CarmenPlan {
+                geometries: self.kinds.into_iter().map(|(kind, record)| (kind, record.geometry)).collect(),
+                used,
+                odometry_from,
+            },
+        })
+    }
+}
+
+fn no_odometry(path: &Path, faults: &[Fault]) -> LogError {
+    LogError::NoOdometry {
+        path: path.to_path_buf(),
+        expected: "ODOM lines, or FLASER, RLASER, ROBOTLASER or SONAR lines that carry a robot pose",
+        first_fault: first_fault(faults),
+    }
+}
+
+fn no_readings(path: &Path, faults: &[Fault]) -> LogError {
+    LogError::NoReadings {
+        path: path.to_path_buf(),
+        expected: "FLASER, RLASER, ROBOTLASER, RAWLASER or SONAR lines",
+        first_fault: first_fault(faults),
+    }
+}

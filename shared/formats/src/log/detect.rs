@@ -1,0 +1,146 @@
+//! Which format a log is of: told by its content, never by its name.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::LogError;
+use super::carmen::is_message_name;
+use super::source::Source;
+
+/// The formats that can be read, for people.
+pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf; plain or gzipped), \
+                                 a Udacity sonar pair (measurement.txt beside poses.txt)";
+
+/// How much of a file is looked at to tell its format, bytes after decompression.
+const HEAD_BYTES: u64 = 64 * 1024;
+
+/// The format of a log.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LogFormat {
+    /// CARMEN's text log: one message per line (`ODOM`, `FLASER`, `SONAR`, …); may be gzipped.
+    CarmenLog,
+    /// The pair of files of Udacity's RoboND occupancy grid course: a ring of eight sonars.
+    UdacitySonar,
+}
+
+impl core::fmt::Display for LogFormat {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::CarmenLog => "CARMEN log",
+            Self::UdacitySonar => "Udacity sonar pair",
+        })
+    }
+}
+
+/// The files that make up a log.
+pub(crate) enum Found {
+    Carmen { path: PathBuf },
+    Udacity { measurement: PathBuf, poses: PathBuf },
+}
+
+/// What a text looks like.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Looks {
+    Carmen,
+    Measurement,
+    Poses,
+    Unknown,
+}
+
+/// Opens a regular file.
+pub(crate) fn open_file(path: &Path) -> Result<File, LogError> {
+    let file = File::open(path).map_err(|source| LogError::open(path, source))?;
+    let metadata = file.metadata().map_err(|source| LogError::open(path, source))?;
+    if metadata.is_file() { Ok(file) } else { Err(LogError::NotAFile { path: path.to_path_buf() }) }
+}
+
+/// The format of the log at `path`, and the files it is made of.
+pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
+    let metadata = std::fs::metadata(path).map_err(|source| LogError::open(path, source))?;
+    if metadata.is_dir() {
+        return udacity_folder(path);
+    }
+    let file = open_file(path)?;
+    if metadata.len() == 0 {
+        return Err(LogError::Empty { path: path.to_path_buf() });
+    }
+    let mut head = Vec::new();
+    let source = Source::new(file).map_err(|source| LogError::open(path, source))?;
+    // A damaged gzip stream still shows what came before the damage.
+    let outcome = source.take(HEAD_BYTES).read_to_end(&mut head);
+    if let (Err(source), true) = (outcome, head.is_empty()) {
+        return Err(LogError::open(path, source));
+    }
+    if head.is_empty() {
+        return Err(LogError::Empty { path: path.to_path_buf() });
+    }
+    match looks_like(&head) {
+        Looks::Carmen => Ok(Found::Carmen { path: path.to_path_buf() }),
+        Looks::Measurement => Ok(Found::Udacity { measurement: path.to_path_buf(), poses: beside(path, "poses.txt")? }),
+        Looks::Poses => Ok(Found::Udacity { measurement: beside(path, "measurement.txt")?, poses: path.to_path_buf() }),
+        Looks::Unknown => Err(LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) }),
+    }
+}
+
+fn udacity_folder(folder: &Path) -> Result<Found, LogError> {
+    let (measurement, poses) = (folder.join("measurement.txt"), folder.join("poses.txt"));
+    match (measurement.is_file(), poses.is_file()) {
+        (true, true) => Ok(Found::Udacity { measurement, poses }),
+        (false, false) => Err(LogError::Folder { path: folder.to_path_buf() }),
+        (true, false) => Err(LogError::MissingPair { path: measurement, missing: poses }),
+        (false, true) => Err(LogError::MissingPair { path: poses, missing: measurement }),
+    }
+}
+
+fn beside(path: &Path, name: &str) -> Result<PathBuf, LogError> {
+    let other = path.with_file_name(name);
+    if other.is_file() && other != path {
+        Ok(other)
+    } else {
+        Err(LogError::MissingPair { path: path.to_path_buf(), missing: other })
+    }
+}
+
+fn looks_like(head: &[u8]) -> Looks {
+    let lines = || head.split(|byte| *byte == b'\n').filter_map(|line| core::str::from_utf8(line).ok());
+    if lines().any(|line| line.split_ascii_whitespace().next().is_some_and(is_message_name)) {
+        return Looks::Carmen;
+    }
+    // The last line may be cut by the end of the head, so the first one that is not blank decides.
+    let Some(row) = lines().find(|line| !line.trim().is_empty()) else { return Looks::Unknown };
+    let (mut words, mut whole) = (0, true);
+    for word in row.split_ascii_whitespace() {
+        words += 1;
+        whole &= word.parse::<i64>().is_ok();
+    }
+    match (words, whole) {
+        (9, true) => Looks::Measurement,
+        (4, true) => Looks::Poses,
+        _ => Looks::Unknown,
+    }
+}
+
+/// The first bytes of a file as people can read them.
+fn printable(head: &[u8]) -> String {
+    head.iter().take(24).flat_map(|byte| core::ascii::escape_default(*byte)).map(char::from).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn content_decides() {
+        assert_eq!(looks_like(b"# a comment\nPARAM a b nohost 0\n"), Looks::Carmen);
+        assert_eq!(looks_like(b"\xff\xfe junk\r\nODOM 0 0 0 0 0 0 1 h 1\r\n"), Looks::Carmen);
+        assert_eq!(looks_like(b"1686487 5110 5110 2320 2360 5110 5110 2160 1190\n"), Looks::Measurement);
+        assert_eq!(looks_like(b"\n1686487 0 0 0\n"), Looks::Poses);
+        assert_eq!(looks_like(b"1 2 3\n"), Looks::Unknown);
+        assert_eq!(looks_like(b"%PDF-1.7\n"), Looks::Unknown);
+        assert_eq!(looks_like(b""), Looks::Unknown);
+    }
+}

@@ -1,0 +1,120 @@
+//! Why no map can be made of a log.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::detect::{KNOWN_FORMATS, LogFormat};
+
+/// Why a log can't be used at all. What is wrong *within* a usable log is a [`super::Fault`].
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum LogError {
+    /// There is no such file.
+    #[error("{}: no such file{}", path.display(), suggestion(near.as_deref()))]
+    NotFound {
+        /// What was asked for.
+        path: PathBuf,
+        /// A file of nearly that name in the same folder.
+        near: Option<PathBuf>,
+    },
+    /// The file could not be opened or read.
+    #[error("{}: can't be read: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file has no bytes, or none after decompression.
+    #[error("{}: the file is empty; expected {KNOWN_FORMATS}", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A device, a pipe or the like: a log is read twice, so it must be a file.
+    #[error("{}: not a regular file; a log is read twice, so store it as a file first", path.display())]
+    NotAFile {
+        /// What was asked for.
+        path: PathBuf,
+    },
+    /// A folder that holds no pair of files.
+    #[error(
+        "{}: a folder; expected a log file, or a folder that holds measurement.txt and poses.txt",
+        path.display()
+    )]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// One file of a pair is missing.
+    #[error("{}: one half of a sonar pair; expected the other half at {}", path.display(), missing.display())]
+    MissingPair {
+        /// The file that is there.
+        path: PathBuf,
+        /// The file that isn't.
+        missing: PathBuf,
+    },
+    /// Nothing known begins like this.
+    #[error("{}: not a log of a known format: it begins with \"{begins}\"; expected {KNOWN_FORMATS}", path.display())]
+    UnknownFormat {
+        /// The file.
+        path: PathBuf,
+        /// Its first bytes, escaped.
+        begins: String,
+    },
+    /// There is no odometry in the log.
+    #[error("{}: no odometry in it; expected {expected}{}", path.display(), refused(first_fault.as_deref()))]
+    NoOdometry {
+        /// The file.
+        path: PathBuf,
+        /// What would have been odometry.
+        expected: &'static str,
+        /// The first refused line, if any was refused.
+        first_fault: Option<String>,
+    },
+    /// There are no range readings in the log.
+    #[error("{}: no range readings in it; expected {expected}{}", path.display(), refused(first_fault.as_deref()))]
+    NoReadings {
+        /// The file.
+        path: PathBuf,
+        /// What would have been readings.
+        expected: &'static str,
+        /// The first refused line, if any was refused.
+        first_fault: Option<String>,
+    },
+    /// The log has more transducers than can be numbered.
+    #[error("{}: {count} transducers in all sensors together; at most 65535 can be told apart", path.display())]
+    TooManyTransducers {
+        /// The file.
+        path: PathBuf,
+        /// How many there are.
+        count: u64,
+    },
+    /// The file is not the one that was surveyed.
+    #[error("{}: was a {surveyed} when it was surveyed and is none any more", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
+        /// What the survey found.
+        surveyed: LogFormat,
+    },
+}
+
+impl LogError {
+    /// An error of opening or reading `path`; a missing file gets a suggestion.
+    pub(crate) fn open(path: &Path, source: io::Error) -> Self {
+        if source.kind() == io::ErrorKind::NotFound {
+            Self::NotFound { path: path.to_path_buf(), near: crate::near::near_file(path) }
+        } else {
+            Self::Io { path: path.to_path_buf(), source }
+        }
+    }
+}
+
+fn suggestion(near: Option<&Path>) -> String {
+    near.map(|path| format!("; did you mean {}?", path.display())).unwrap_or_default()
+}
+
+fn refused(first_fault: Option<&str>) -> String {
+    first_fault.map(|fault| format!("; refused lines: {fault}")).unwrap_or_default()
+}

@@ -1,0 +1,156 @@
+//! What is wrong within a log that is usable all the same.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+/// Longest sample of a faulty value that is kept, characters.
+const SAMPLE_CHARS: usize = 48;
+
+/// A kind of damage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum FaultKind {
+    /// A word that should be a number is none; the line is refused.
+    BadNumber,
+    /// A pose or a velocity is NaN or infinite; the line is refused.
+    NotFinite,
+    /// A range is NaN or infinite; the reading is invalid.
+    RangeNotFinite,
+    /// A range beyond 100 km; the reading is invalid.
+    AbsurdRange,
+    /// A pose beyond 1000 km or 10⁶ rad, or a sensor's angle beyond a turn; the line is refused.
+    AbsurdPose,
+    /// A velocity beyond 1000 m/s or rad/s; the line is refused.
+    AbsurdVelocity,
+    /// A stamp that is no number, negative, or beyond the year 2286; the line is placed after the one before it.
+    BadStamp,
+    /// A count of readings that can't be; the line is refused.
+    BadCount,
+    /// Words are missing at the end; the line is refused.
+    Truncated,
+    /// There are words too many; the line is refused.
+    ExtraWords,
+    /// The sensor's geometry or its number of readings is not what it was at first; the line is refused.
+    GeometryChanged,
+    /// No message at all; the line is refused.
+    NotAMessage,
+    /// Bytes that are no text; the line is refused.
+    NotUtf8,
+    /// Longer than any message; the line is refused.
+    LineTooLong,
+    /// The compressed stream is cut or damaged; everything before the damage is used.
+    GzipDamaged,
+}
+
+impl core::fmt::Display for FaultKind {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::BadNumber => "not a number",
+            Self::NotFinite => "pose or velocity not finite",
+            Self::RangeNotFinite => "range not finite",
+            Self::AbsurdRange => "range beyond 100 km",
+            Self::AbsurdPose => "absurd pose or angle",
+            Self::AbsurdVelocity => "velocity beyond 1000 m/s or rad/s",
+            Self::BadStamp => "stamp unusable",
+            Self::BadCount => "impossible count of readings",
+            Self::Truncated => "truncated line",
+            Self::ExtraWords => "words too many",
+            Self::GeometryChanged => "sensor geometry changed",
+            Self::NotAMessage => "not a message",
+            Self::NotUtf8 => "not text",
+            Self::LineTooLong => "line too long",
+            Self::GzipDamaged => "compressed stream cut or damaged",
+        })
+    }
+}
+
+/// All damage of one kind.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Fault {
+    /// What is wrong.
+    pub kind: FaultKind,
+    /// How often: refused lines, or for ranges the readings.
+    pub count: u64,
+    /// The first line that has it, counted from 1.
+    pub first_line: u64,
+    /// The value found there, shortened.
+    pub sample: String,
+}
+
+impl core::fmt::Display for Fault {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{} ({} times, first in line {}: \"{}\")", self.kind, self.count, self.first_line, self.sample)
+    }
+}
+
+/// Why a line, or a reading in it, is refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Refusal {
+    pub(crate) kind: FaultKind,
+    pub(crate) sample: String,
+}
+
+impl Refusal {
+    pub(crate) fn new(kind: FaultKind, sample: impl AsRef<str>) -> Self {
+        Self { kind, sample: shorten(sample.as_ref()) }
+    }
+}
+
+/// Counts damage by kind.
+#[derive(Debug, Default)]
+pub(crate) struct FaultCounter(BTreeMap<FaultKind, Fault>);
+
+impl FaultCounter {
+    pub(crate) fn count(&mut self, line: u64, refusal: Refusal) {
+        self.count_many(line, refusal, 1);
+    }
+
+    pub(crate) fn count_many(&mut self, line: u64, refusal: Refusal, times: u64) {
+        let Refusal { kind, sample } = refusal;
+        self.0.entry(kind).or_insert(Fault { kind, count: 0, first_line: line, sample }).count += times;
+    }
+
+    /// All of it, by kind.
+    pub(crate) fn into_faults(self) -> Vec<Fault> {
+        self.0.into_values().collect()
+    }
+}
+
+/// The fault that comes first in the file, for error messages.
+pub(crate) fn first_fault(faults: &[Fault]) -> Option<String> {
+    faults.iter().min_by_key(|fault| fault.first_line).map(ToString::to_string)
+}
+
+fn shorten(text: &str) -> String {
+    let mut sample: String = text.chars().take(SAMPLE_CHARS).flat_map(char::escape_debug).collect();
+    if text.chars().nth(SAMPLE_CHARS).is_some() {
+        sample.push('…');
+    }
+    sample
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_by_kind_and_keeps_the_first() {
+        let mut counter = FaultCounter::default();
+        counter.count(3, Refusal::new(FaultKind::BadNumber, "a"));
+        counter.count(2, Refusal::new(FaultKind::Truncated, "b"));
+        counter.count(9, Refusal::new(FaultKind::BadNumber, "c"));
+        let faults = counter.into_faults();
+        assert_eq!(faults.len(), 2);
+        assert_eq!((faults[0].count, faults[0].first_line, faults[0].sample.as_str()), (2, 3, "a"));
+        assert!(first_fault(&faults).unwrap().contains("line 2"));
+    }
+
+    #[test]
+    fn samples_are_short_and_printable() {
+        let refusal = Refusal::new(FaultKind::NotAMessage, "\u{1b}".repeat(1000));
+        assert!(refusal.sample.len() < 500);
+        assert!(!refusal.sample.contains('\u{1b}'));
+    }
+}

@@ -1,0 +1,79 @@
+//! Logs of robots: odometry, range readings, true poses.
+//!
+//! A log is read in two passes, so that memory stays bounded whatever its size. [`survey`] reads
+//! it once and says what is in it: the robot's sensors, counts, how good the stamps are, what was
+//! refused and why. [`open`] reads it again and gives its events in stamp order, each reading
+//! already told apart (echo, no echo, invalid). The same file gives the same events, always.
+//!
+//! | format | recognised by | module |
+//! |---|---|---|
+//! | CARMEN log, plain or gzipped | a message line such as `ODOM …` or `FLASER …` | [`carmen`] |
+//! | Udacity sonar pair `measurement.txt` + `poses.txt` | rows of 9 or 4 whole numbers, or the folder | [`udacity`] |
+//!
+//! Damage is counted, not fatal: a refused line is a [`Fault`], and everything else is kept.
+//! Only a log that can make no map is an error ([`LogError`]).
+
+pub mod carmen;
+mod detect;
+mod error;
+mod event;
+mod fault;
+mod lines;
+mod order;
+mod source;
+mod stamp;
+mod survey;
+mod tally;
+mod timeline;
+pub mod udacity;
+
+use std::path::Path;
+
+use detect::{Found, detect};
+pub use detect::{KNOWN_FORMATS, LogFormat};
+pub use error::LogError;
+pub use event::{LogEvent, LogReader};
+pub use fault::{Fault, FaultKind};
+pub use survey::{LogSurvey, StampQuality};
+
+/// Reads the log at `path` once and says what is in it.
+///
+/// # Errors
+/// When the file can't be read, is of no known format, or no map can be made of it (no odometry,
+/// no readings). Damage within an otherwise usable log is no error; see [`LogSurvey::faults`].
+pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
+    match detect(path)? {
+        Found::Carmen { path } => carmen::survey(detect::open_file(&path)?, &path),
+        Found::Udacity { measurement, poses } => {
+            udacity::survey(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses)
+        }
+    }
+}
+
+/// The format of the log at `path`, told by its content.
+///
+/// # Errors
+/// When the file can't be read or is of no known format.
+pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
+    Ok(match detect(path)? {
+        Found::Carmen { .. } => LogFormat::CarmenLog,
+        Found::Udacity { .. } => LogFormat::UdacitySonar,
+    })
+}
+
+/// Reads the log at `path` a second time: its events, in stamp order.
+///
+/// At most the bytes that the survey saw are read, so a log that is still growing gives what was
+/// there when it was surveyed.
+///
+/// # Errors
+/// When the file can't be read any more or is no longer of the format that the survey found.
+pub fn open(path: &Path, survey: &LogSurvey) -> Result<LogReader, LogError> {
+    match (detect(path)?, survey.format) {
+        (Found::Carmen { path }, LogFormat::CarmenLog) => carmen::read(detect::open_file(&path)?, &path, survey),
+        (Found::Udacity { measurement, poses }, LogFormat::UdacitySonar) => {
+            udacity::read(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses, survey)
+        }
+        _ => Err(LogError::Changed { path: path.to_path_buf(), surveyed: survey.format }),
+    }
+}

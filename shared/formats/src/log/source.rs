@@ -1,0 +1,146 @@
+//! Bytes of a file: hashed as stored, decompressed if gzipped.
+
+use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
+
+use flate2::bufread::MultiGzDecoder;
+use sha2::{Digest as _, Sha256};
+
+const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+const BUFFER_BYTES: usize = 64 * 1024;
+
+/// Counts and hashes what passes.
+struct Tap<R> {
+    inner: R,
+    hasher: Sha256,
+    bytes: u64,
+}
+
+impl<R: Read> Read for Tap<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let length = self.inner.read(buffer)?;
+        self.hasher.update(buffer.get(..length).unwrap_or_default());
+        self.bytes += length as u64;
+        Ok(length)
+    }
+}
+
+type Stored<R> = BufReader<Chain<Cursor<Vec<u8>>, Tap<R>>>;
+
+/// A file's content, decompressed if its first two bytes say gzip (whatever its name says).
+pub(crate) struct Source<R: Read>(Content<R>);
+
+enum Content<R: Read> {
+    Plain(Stored<R>),
+    Gzip(Box<BufReader<MultiGzDecoder<Stored<R>>>>),
+}
+
+/// What the stored bytes were.
+pub(crate) struct Stamp {
+    pub(crate) hasher: Sha256,
+    pub(crate) bytes: u64,
+}
+
+impl<R: Read> Source<R> {
+    pub(crate) fn new(stored: R) -> io::Result<Self> {
+        let mut tap = Tap { inner: stored, hasher: Sha256::new(), bytes: 0 };
+        let mut magic = Vec::with_capacity(2);
+        tap.by_ref().take(2).read_to_end(&mut magic)?;
+        let gzipped = magic == GZIP_MAGIC;
+        let stored = BufReader::with_capacity(BUFFER_BYTES, Cursor::new(magic).chain(tap));
+        Ok(Self(if gzipped {
+            Content::Gzip(Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(stored))))
+        } else {
+            Content::Plain(stored)
+        }))
+    }
+
+    /// Whether the content is compressed.
+    pub(crate) fn is_gzip(&self) -> bool {
+        matches!(self.0, Content::Gzip(_))
+    }
+
+    /// Reads the stored bytes to their end, for their hash and number.
+    pub(crate) fn finish(self) -> io::Result<Stamp> {
+        let stored = match self.0 {
+            Content::Plain(stored) => stored,
+            Content::Gzip(decoded) => decoded.into_inner().into_inner(),
+        };
+        let (_, mut tap) = stored.into_inner().into_inner();
+        io::copy(&mut tap, &mut io::sink())?;
+        Ok(Stamp { hasher: tap.hasher, bytes: tap.bytes })
+    }
+}
+
+impl<R: Read> Read for Source<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match &mut self.0 {
+            Content::Plain(content) => content.read(buffer),
+            Content::Gzip(content) => content.read(buffer),
+        }
+    }
+}
+
+impl<R: Read> BufRead for Source<R> {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        match &mut self.0 {
+            Content::Plain(content) => content.fill_buf(),
+            Content::Gzip(content) => content.fill_buf(),
+        }
+    }
+
+    fn consume(&mut self, amount: usize) {
+        match &mut self.0 {
+            Content::Plain(content) => content.consume(amount),
+            Content::Gzip(content) => content.consume(amount),
+        }
+    }
+}
+
+/// Whether an error of reading gzipped content means that the stream is damaged, not that the file
+/// can't be read.
+pub(crate) fn is_damage(error: &io::Error) -> bool {
+    use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
+    matches!(error.kind(), InvalidData | InvalidInput | Other | UnexpectedEof)
+}
+
+/// A digest as hexadecimal digits.
+pub(crate) fn hex(hasher: Sha256) -> String {
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write as _;
+
+    use super::*;
+
+    fn gzip(content: &[u8]) -> Vec<u8> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(content).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    #[test]
+    fn plain_and_gzip_give_the_same_content() {
+        let mut members = gzip(b"one\n");
+        members.extend(gzip(b"two\n"));
+        for stored in [b"one\ntwo\n".to_vec(), members] {
+            let mut content = Vec::new();
+            let mut source = Source::new(stored.as_slice()).unwrap();
+            source.read_to_end(&mut content).unwrap();
+            assert_eq!(content, b"one\ntwo\n");
+            let stamp = source.finish().unwrap();
+            assert_eq!(stamp.bytes, stored.len() as u64);
+            assert_eq!(hex(stamp.hasher), hex(Sha256::new_with_prefix(&stored)));
+        }
+    }
+
+    #[test]
+    fn a_cut_stream_is_damage() {
+        let stored = gzip(&b"x".repeat(10_000));
+        let mut source = Source::new(&stored[..stored.len() / 2]).unwrap();
+        let error = source.read_to_end(&mut Vec::new()).unwrap_err();
+        assert!(source.is_gzip() && is_damage(&error));
+        assert_eq!(source.finish().unwrap().bytes, stored.len() as u64 / 2);
+    }
+}

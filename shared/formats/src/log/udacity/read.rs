@@ -1,0 +1,96 @@
+//! The second pass over a sonar pair: its events.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use echogrid_core::{Echo, Reading};
+
+use super::rows::{Half, Next, Row, Rows};
+use super::{RANGE_MAX_MM, RANGE_MIN_MM, SONARS};
+use crate::log::timeline::{Rank, TimedLine, Timeline};
+use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
+
+/// Reads the events of a sonar pair that has been surveyed. The paths are for errors only.
+///
+/// # Errors
+/// When reading fails.
+pub fn read(
+    measurement: impl Read + Send + 'static,
+    measurement_path: &Path,
+    poses: impl Read + Send + 'static,
+    poses_path: &Path,
+    survey: &LogSurvey,
+) -> Result<LogReader, LogError> {
+    let bytes = |file: usize| survey.byte_counts.get(file).copied().unwrap_or(u64::MAX);
+    let paths = [measurement_path.to_path_buf(), poses_path.to_path_buf()];
+    let rows = Rows::new(measurement.take(bytes(0)), poses.take(bytes(1))).map_err(|error| failed(&paths, error))?;
+    Ok(LogReader(Box::new(UdacityReader { rows, paths, timeline: Timeline::new(survey.stamps), ended: false })))
+}
+
+struct UdacityReader<M: Read, P: Read> {
+    rows: Rows<M, P>,
+    paths: [PathBuf; 2],
+    timeline: Timeline,
+    ended: bool,
+}
+
+impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
+    type Item = Result<LogEvent, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(event) = self.timeline.pop() {
+                return Some(Ok(event));
+            }
+            if self.ended {
+                return None;
+            }
+            match self.rows.next() {
+                Ok(Some(Next::Row(row))) => self.timeline.push(timed_line(&row)),
+                // Counted by the survey.
+                Ok(Some(Next::Refused(..))) => {}
+                Ok(None) => {
+                    self.ended = true;
+                    self.timeline.finish();
+                }
+                Err(error) => {
+                    self.ended = true;
+                    return Some(Err(failed(&self.paths, error)));
+                }
+            }
+        }
+    }
+}
+
+fn failed([measurement, poses]: &[PathBuf; 2], (half, source): (Half, std::io::Error)) -> LogError {
+    LogError::open(if half == Half::Measurement { measurement } else { poses }, source)
+}
+
+fn timed_line(row: &Row) -> TimedLine {
+    match *row {
+        Row::Pose { stamp_ns, odom_from_base } => TimedLine {
+            stamp_ns: Some(stamp_ns),
+            rank: Rank::Odometry,
+            weight: 0,
+            events: vec![LogEvent::Odometry { stamp_ns, odom_from_base, v_mps: 0.0, w_radps: 0.0 }],
+        },
+        Row::Ranges { stamp_ns, ranges_mm } => TimedLine {
+            stamp_ns: Some(stamp_ns),
+            rank: Rank::Scan,
+            weight: SONARS,
+            events: vec![LogEvent::Scan { stamp_ns, readings: readings(ranges_mm) }],
+        },
+    }
+}
+
+fn readings(ranges_mm: [i64; SONARS]) -> Vec<Reading> {
+    let echo = |range_mm: i64| match range_mm {
+        ..RANGE_MIN_MM => Echo::Invalid,
+        RANGE_MIN_MM..=RANGE_MAX_MM => Echo::Hit { range_m: range_mm as f64 / 1000.0 },
+        _ => Echo::NoEcho,
+    };
+    (0..)
+        .zip(ranges_mm)
+        .map(|(transducer, range_mm)| Reading { transducer, echo: echo(range_mm), offset_ns: 0 })
+        .collect()
+}

@@ -1,0 +1,44 @@
+//! A map with the way it was made.
+
+use std::collections::BTreeMap;
+
+use echogrid_core::{Grid, Pose2};
+use serde::{Deserialize, Serialize};
+
+/// A map, the path on which it was made, and where it comes from.
+#[derive(Debug, Clone)]
+pub struct MapDocument {
+    /// The cells.
+    pub grid: Grid,
+    /// Where the robot was, in order of time.
+    pub path: Vec<PathPoint>,
+    /// What it was made of, and by what.
+    pub provenance: Provenance,
+}
+
+/// A point of the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// Nanoseconds, on the clock of the log.
+    pub stamp_ns: u64,
+    /// The robot in the map frame.
+    pub pose: Pose2,
+    /// How far the pose could be trusted then, 0 to 1.
+    pub trust: f64,
+}
+
+/// Where a map comes from. There is no date in it: the same log gives the same bytes.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Provenance {
+    /// The software and its version.
+    pub software: String,
+    /// SHA-256 of the log, hexadecimal; none for a map made of live readings.
+    pub log_sha256: Option<String>,
+    /// The log's file name, without its folder; none for a map made of live readings.
+    pub log_name: Option<String>,
+    /// The configuration in effect, as TOML.
+    pub config_toml: String,
+    /// Whatever else should stay with the map, by name.
+    pub notes: BTreeMap<String, String>,
+}

@@ -1,0 +1,27 @@
+//! Maps, written and read back.
+//!
+//! | file | what it holds | module |
+//! |---|---|---|
+//! | `map.echogrid` | everything, exactly: log-odds, revisions, path, provenance | [`native`] |
+//! | `map.png` | a picture for people | [`picture`] |
+//! | `map.pgm` + `map.yaml` | occupancy for ROS's map_server and Nav2 | [`map_server`] |
+//! | `map.npy` | probabilities for NumPy | [`npy`] |
+//!
+//! [`MapFiles::write_all`] writes them all. Every file is written whole or not at all: whatever
+//! stood at its path stays intact until the new one is complete and stored. Unknown cells stay
+//! unknown in all of them. Coordinates are those of the map frame, which for a map made of a log is
+//! the log's own odometry frame.
+
+mod document;
+mod error;
+mod files;
+pub mod map_server;
+pub mod native;
+pub mod npy;
+mod occupancy;
+pub mod picture;
+
+pub use document::{MapDocument, PathPoint, Provenance};
+pub use error::MapError;
+pub use files::{MapFileOptions, MapFiles};
+pub use occupancy::OccupancyMap;

@@ -1,0 +1,84 @@
+//! A map to bytes.
+
+use std::io::Write as _;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+
+use super::{END, GRID, MAGIC, NativeError, PATH, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX, TILES, TILES_MAX, VERSION};
+use crate::map::MapDocument;
+
+/// Fixed: another level would give other bytes.
+const LEVEL: Compression = Compression::new(6);
+
+/// The map as a native file's bytes. The same map gives the same bytes.
+///
+/// # Errors
+/// When the map holds what could not be read back: a resolution that is no positive number, a path
+/// point that is not finite, a tile beyond 2²⁴, or more than [`TILES_MAX`] tiles.
+pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
+    let MapDocument { grid, path, provenance } = document;
+    let resolution_m = grid.resolution_m();
+    if !(resolution_m.is_finite() && resolution_m > 0.0) {
+        return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
+    }
+    let tile_count = grid.tile_count() as u64;
+    if tile_count > TILES_MAX {
+        return Err(NativeError::value(GRID, "number of tiles", tile_count, "at most 262144"));
+    }
+    let mut file = MAGIC.to_vec();
+    file.extend_from_slice(&VERSION.to_le_bytes());
+
+    let mut content = Vec::new();
+    content.extend_from_slice(&resolution_m.to_le_bytes());
+    content.extend_from_slice(&tile_count.to_le_bytes());
+    content.extend_from_slice(&(path.len() as u64).to_le_bytes());
+    section(&mut file, GRID, &content);
+
+    let content = serde_json::to_vec(provenance)
+        .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "text that JSON can hold"))?;
+    section(&mut file, PROVENANCE, &content);
+
+    let mut content = Vec::with_capacity(path.len() * POINT_BYTES);
+    for point in path {
+        if !(point.pose.is_finite() && point.trust.is_finite()) {
+            return Err(NativeError::value(PATH, "path point", format!("{point:?}"), "finite numbers"));
+        }
+        content.extend_from_slice(&point.stamp_ns.to_le_bytes());
+        for number in [point.pose.x, point.pose.y, point.pose.theta, point.trust] {
+            content.extend_from_slice(&number.to_le_bytes());
+        }
+    }
+    section(&mut file, PATH, &content);
+
+    let mut tiles = ZlibEncoder::new(Vec::new(), LEVEL);
+    let mut bytes = Vec::new();
+    for (index, tile) in grid.tiles() {
+        if index.x.unsigned_abs().max(index.y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
+            return Err(NativeError::value(TILES, "tile", format!("{index:?}"), "within 2^24 of the origin"));
+        }
+        bytes.clear();
+        bytes.extend_from_slice(&index.x.to_le_bytes());
+        bytes.extend_from_slice(&index.y.to_le_bytes());
+        bytes.extend_from_slice(&tile.revision.to_le_bytes());
+        for log_odds in tile.log_odds.iter() {
+            // One NaN for all: its payload says nothing.
+            let bits = if log_odds.is_nan() { 0x7fc0_0000 } else { log_odds.to_bits() };
+            bytes.extend_from_slice(&bits.to_le_bytes());
+        }
+        tiles.write_all(&bytes).map_err(|error| NativeError::value(TILES, "tile", error, "room in memory"))?;
+    }
+    let content = tiles.finish().map_err(|error| NativeError::value(TILES, "tiles", error, "room in memory"))?;
+    section(&mut file, TILES, &content);
+    section(&mut file, END, &[]);
+    Ok(file)
+}
+
+fn section(file: &mut Vec<u8>, tag: [u8; 4], content: &[u8]) {
+    let start = file.len();
+    file.extend_from_slice(&tag);
+    file.extend_from_slice(&(content.len() as u64).to_le_bytes());
+    file.extend_from_slice(content);
+    let sum = crc32fast::hash(file.get(start..).unwrap_or_default());
+    file.extend_from_slice(&sum.to_le_bytes());
+}

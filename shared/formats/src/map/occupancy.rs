@@ -1,0 +1,121 @@
+//! Occupancy as a rectangle of probabilities: what other programs' map files hold.
+
+use echogrid_core::{Grid, Pose2, Raster, TILE_SIDE};
+
+use super::MapError;
+
+/// Most cells of a rectangle.
+const CELLS_MAX: u64 = 1 << 28;
+
+/// A rectangle of occupancy probabilities.
+#[derive(Debug, Clone)]
+pub struct OccupancyMap {
+    /// Cells along x.
+    pub width: usize,
+    /// Cells along y.
+    pub height: usize,
+    /// Side of a cell, metres.
+    pub resolution_m: f64,
+    /// The outer corner of the cell of lowest x and y, in the map frame; its heading turns the
+    /// whole rectangle.
+    pub map_from_corner: Pose2,
+    /// Probability that a cell is occupied, `[row * width + column]`, row 0 at the lowest y; NaN is
+    /// unknown.
+    pub probability: Vec<f32>,
+}
+
+impl OccupancyMap {
+    /// The smallest rectangle that holds every known cell; a single unknown cell if none is known.
+    ///
+    /// # Errors
+    /// When the known cells span more than some 268 million cells.
+    pub fn of(grid: &Grid) -> Result<Self, MapError> {
+        let raster = raster_of(grid)?;
+        let [x, y] = raster.origin_m();
+        Ok(Self {
+            width: raster.width,
+            height: raster.height,
+            resolution_m: raster.resolution_m,
+            map_from_corner: Pose2::new(x, y, 0.0),
+            probability: raster.log_odds.iter().map(|log_odds| probability(*log_odds)).collect(),
+        })
+    }
+
+    /// Probability of a cell; none if it is unknown or outside.
+    #[must_use]
+    pub fn probability_at(&self, column: usize, row: usize) -> Option<f32> {
+        if column >= self.width {
+            return None;
+        }
+        self.probability.get(row.checked_mul(self.width)? + column).copied().filter(|p| !p.is_nan())
+    }
+}
+
+/// Probability of log-odds; NaN stays NaN. The same on every machine.
+pub(crate) fn probability(log_odds: f32) -> f32 {
+    (1.0 / (1.0 + libm::exp(-f64::from(log_odds)))) as f32
+}
+
+/// The dense rectangle of all known cells, at least one cell.
+pub(crate) fn raster_of(grid: &Grid) -> Result<Raster, MapError> {
+    let known = grid.tiles().filter(|(_, tile)| tile.log_odds.iter().any(|cell| !cell.is_nan()));
+    let bounds = known.fold(None::<[i64; 4]>, |bounds, (index, _)| {
+        let (x, y) = (i64::from(index.x), i64::from(index.y));
+        let [x0, x1, y0, y1] = bounds.unwrap_or([x, x, y, y]);
+        Some([x0.min(x), x1.max(x), y0.min(y), y1.max(y)])
+    });
+    if let Some([x0, x1, y0, y1]) = bounds {
+        let side = TILE_SIDE as u64;
+        let (width, height) = (x0.abs_diff(x1).saturating_add(1) * side, y0.abs_diff(y1).saturating_add(1) * side);
+        let numbered = |tile: i64| (tile * side as i64).unsigned_abs() < (1 << 30);
+        if width.saturating_mul(height) > CELLS_MAX || ![x0, x1, y0, y1].into_iter().all(numbered) {
+            let resolution_m = grid.resolution_m();
+            return Err(MapError::TooLarge {
+                width_m: width as f64 * resolution_m,
+                height_m: height as f64 * resolution_m,
+                resolution_m,
+            });
+        }
+    }
+    let mut raster = Raster::of(grid);
+    if raster.log_odds.is_empty() {
+        raster.width = 1;
+        raster.height = 1;
+        raster.log_odds = vec![f32::NAN];
+    }
+    Ok(raster)
+}
+
+#[cfg(test)]
+mod tests {
+    use echogrid_core::{CellIndex, TileIndex};
+
+    use super::*;
+
+    #[test]
+    fn an_empty_grid_is_one_unknown_cell() {
+        let map = OccupancyMap::of(&Grid::new(0.05)).unwrap();
+        assert_eq!((map.width, map.height), (1, 1));
+        assert_eq!(map.probability_at(0, 0), None);
+    }
+
+    #[test]
+    fn far_apart_is_an_error_not_an_allocation() {
+        let mut grid = Grid::new(0.05);
+        for x in [i32::MIN, i32::MAX] {
+            grid.tile_mut(TileIndex { x, y: 0 }).log_odds[0] = 1.0;
+        }
+        assert!(matches!(OccupancyMap::of(&grid), Err(MapError::TooLarge { .. })));
+    }
+
+    #[test]
+    fn log_odds_become_probabilities() {
+        let mut grid = Grid::new(0.5);
+        let cell = CellIndex { i: -3, j: 4 };
+        grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 0.0;
+        let map = OccupancyMap::of(&grid).unwrap();
+        assert_eq!(map.probability_at(0, 0), Some(0.5));
+        assert_eq!((map.map_from_corner.x, map.map_from_corner.y), (-1.5, 2.0));
+        assert!(probability(8.0) > 0.999 && probability(f32::NAN).is_nan());
+    }
+}

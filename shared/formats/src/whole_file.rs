@@ -1,0 +1,131 @@
+//! Files that are written whole or not at all.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+/// Why a file could not be written. What stood at its path before still stands there.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: can't be written ({doing}): {source}", path.display())]
+pub struct WriteError {
+    /// The file that was to be written.
+    pub path: PathBuf,
+    /// The step that failed.
+    pub doing: &'static str,
+    /// What the system said.
+    pub source: io::Error,
+}
+
+/// A file in the making: written beside its path, put in place by [`WholeFile::commit`], and
+/// removed without a trace if dropped before that.
+pub(crate) struct WholeFile {
+    path: PathBuf,
+    temporary: BufWriter<NamedTempFile>,
+}
+
+impl WholeFile {
+    pub(crate) fn create(path: &Path) -> Result<Self, WriteError> {
+        let fail = |source| WriteError { path: path.to_path_buf(), doing: "creating a file beside it", source };
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(".echogrid-").suffix(".part");
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::PermissionsExt as _;
+            // The umask takes away what it takes from any new file.
+            builder.permissions(std::fs::Permissions::from_mode(0o666));
+        }
+        let temporary = builder.tempfile_in(folder(path)).map_err(fail)?;
+        Ok(Self { path: path.to_path_buf(), temporary: BufWriter::with_capacity(1 << 16, temporary) })
+    }
+
+    /// An error of writing to it.
+    pub(crate) fn failed(&self, source: io::Error) -> WriteError {
+        WriteError { path: self.path.clone(), doing: "writing", source }
+    }
+
+    /// Puts it in place: from now on the path holds all of it, whatever happens to the machine.
+    pub(crate) fn commit(self) -> Result<(), WriteError> {
+        let path = self.path;
+        let fail = |doing| {
+            let path = path.clone();
+            move |source| WriteError { path, doing, source }
+        };
+        let temporary = self.temporary.into_inner().map_err(|error| fail("writing")(error.into_error()))?;
+        temporary.as_file().sync_all().map_err(fail("storing"))?;
+        temporary.persist(&path).map_err(|error| fail("putting in place")(error.error))?;
+        sync_folder(folder(&path)).map_err(fail("storing its folder"))
+    }
+}
+
+impl Write for WholeFile {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.temporary.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.temporary.flush()
+    }
+}
+
+/// Writes bytes to a file, whole or not at all.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+    let mut file = WholeFile::create(path)?;
+    file.write_all(bytes).map_err(|source| file.failed(source))?;
+    file.commit()
+}
+
+fn folder(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+#[cfg(unix)]
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    match File::open(folder)?.sync_all() {
+        // Some file systems have no such thing.
+        Err(error) if matches!(error.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
+        outcome => outcome,
+    }
+}
+
+#[cfg(not(unix))]
+fn sync_folder(_folder: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dropped_leaves_the_old_file_and_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map");
+        write_whole(&path, b"old").unwrap();
+        let mut file = WholeFile::create(&path).unwrap();
+        file.write_all(b"new").unwrap();
+        drop(file);
+        assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn committed_replaces_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("map");
+        write_whole(&path, b"old").unwrap();
+        write_whole(&path, b"new").unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"new");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn the_error_names_the_path() {
+        let error = write_whole(Path::new("/nowhere/at/all/map.png"), b"").unwrap_err();
+        assert!(error.to_string().contains("/nowhere/at/all/map.png"));
+    }
+}

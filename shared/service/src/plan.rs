@@ -1,0 +1,68 @@
+//! What the launcher tells the processes of a graph: one file in the domain's directory.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use echogrid_topics::{Domain, Topic};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// Name of the domain, in the environment of every process of a graph.
+pub const DOMAIN_VARIABLE: &str = "ECHOGRID_DOMAIN";
+/// Name of the service in the graph, likewise.
+pub const SERVICE_VARIABLE: &str = "ECHOGRID_SERVICE";
+
+/// The plan of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Plan {
+    /// How many times real time the sensor plays; none: as fast as the slowest process takes it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// Readings in the largest scan.
+    pub max_readings: usize,
+    /// Which services read which topic: whom its producer waits for.
+    pub consumers: BTreeMap<String, Vec<String>>,
+    /// The sections of the effective configuration.
+    pub config: toml::Table,
+}
+
+impl Plan {
+    /// Writes the plan for the processes of `domain`.
+    ///
+    /// # Errors
+    /// The file can't be written.
+    pub fn write(&self, domain: &Domain) -> Result<()> {
+        let path = domain.dir().join("plan.toml");
+        let text = toml::to_string(self).context("writing the plan of the run")?;
+        std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
+    }
+
+    /// Reads the plan of `domain`.
+    ///
+    /// # Errors
+    /// There is none, or it is broken.
+    pub fn read(domain: &Domain) -> Result<Self> {
+        Self::read_file(&domain.dir().join("plan.toml"))
+    }
+
+    fn read_file(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+        toml::from_str(&text).with_context(|| format!("in {}", path.display()))
+    }
+
+    /// One section of the configuration.
+    ///
+    /// # Errors
+    /// It is missing or broken.
+    pub fn section<T: DeserializeOwned>(&self, name: &str) -> Result<T> {
+        let section = self.config.get(name).with_context(|| format!("the plan has no section [{name}]"))?;
+        section.clone().try_into().with_context(|| format!("in section [{name}] of the plan"))
+    }
+
+    /// Whom the producer of `topic` waits for.
+    #[must_use]
+    pub fn consumers_of(&self, topic: Topic) -> &[String] {
+        self.consumers.get(topic.name()).map_or(&[], Vec::as_slice)
+    }
+}

@@ -1,0 +1,44 @@
+//! SIGINT and SIGTERM, as something to poll.
+
+use std::os::fd::{AsFd, BorrowedFd};
+
+use anyhow::{Context, Result};
+use nix::sys::signal::{SigSet, Signal};
+use nix::sys::signalfd::{SfdFlags, SignalFd};
+
+/// Signals that this process reads instead of being interrupted by.
+#[derive(Debug)]
+pub struct Signals {
+    fd: SignalFd,
+}
+
+impl Signals {
+    /// Blocks the signals and collects them. Call before any thread is started: threads inherit it.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn collect(signals: &[Signal]) -> Result<Self> {
+        let mut set = SigSet::empty();
+        for signal in signals {
+            set.add(*signal);
+        }
+        set.thread_block().context("blocking signals")?;
+        let fd = SignalFd::with_flags(&set, SfdFlags::SFD_NONBLOCK | SfdFlags::SFD_CLOEXEC).context("signalfd")?;
+        Ok(Self { fd })
+    }
+
+    /// The next signal that came, if any.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn next(&self) -> Result<Option<Signal>> {
+        let info = self.fd.read_signal().context("reading a signal")?;
+        Ok(info.and_then(|info| Signal::try_from(info.ssi_signo as i32).ok()))
+    }
+
+    /// Readable when a signal came.
+    #[must_use]
+    pub fn fd(&self) -> BorrowedFd<'_> {
+        self.fd.as_fd()
+    }
+}

@@ -1,0 +1,279 @@
+//! A process in a domain: its iceoryx2 node, and the services that only the launcher creates.
+
+use std::path::Path as StdPath;
+use std::time::{Duration, Instant};
+
+use iceoryx2::config::Config;
+use iceoryx2::node::Node;
+use iceoryx2::prelude::{
+    AttributeSpecifier, AttributeVerifier, EventId, FilePath, LogLevel, NodeBuilder, NodeName, SemanticString,
+    ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level_from_env_or,
+};
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+
+use crate::domain::{Claim, Domain, DomainError, Membership, check_memory};
+use crate::topic::{Qos, Topic, memory_budget_bytes};
+use crate::wire::{
+    EstimateWire, Header, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire, Wire,
+};
+
+/// The event that says "there are new messages".
+pub(crate) const SENT: usize = 0;
+/// A producer appeared, left, died.
+const PRODUCER_EVENTS: [usize; 3] = [1, 2, 3];
+/// Processes per topic, tools included.
+const MAX_NODES: usize = 32;
+const MAX_LISTENERS: usize = 16;
+/// How long a topic may take to appear: the launcher creates all before it starts anyone.
+const OPEN_WITHIN: Duration = Duration::from_secs(2);
+
+pub(crate) type Sized<W> = publish_subscribe::PortFactory<ipc::Service, W, Header>;
+pub(crate) type Slice<W> = publish_subscribe::PortFactory<ipc::Service, [W], Header>;
+pub(crate) type Bell = event::PortFactory<ipc::Service>;
+
+/// Why a topic can't be used.
+#[derive(Debug, thiserror::Error)]
+pub enum TopicError {
+    /// The domain can't be used.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// The process could not enter the shared memory.
+    #[error("entering domain {domain:?} as {name:?}: {reason}")]
+    Node {
+        /// The domain.
+        domain: String,
+        /// The process.
+        name: String,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+    /// A topic could not be made, opened, written or read.
+    #[error("topic {topic}: {what}: {reason}")]
+    Topic {
+        /// The topic.
+        topic: &'static str,
+        /// What was tried.
+        what: &'static str,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+    /// The other side speaks another version.
+    #[error("topic {topic}: this program speaks {mine}, the graph another version or type: {reason}")]
+    Version {
+        /// The topic.
+        topic: &'static str,
+        /// Our message type.
+        mine: &'static str,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+}
+
+/// A process in a domain.
+#[derive(Debug)]
+pub struct Participant {
+    node: Node<ipc::Service>,
+    // After the node: who holds no membership any more has left shared memory.
+    _membership: Membership,
+}
+
+impl Participant {
+    /// Enters a domain that a launcher made.
+    ///
+    /// # Errors
+    /// No launcher runs there, or shared memory refuses.
+    pub fn join(domain: &Domain, name: &str) -> Result<Self, TopicError> {
+        let membership = domain.join()?;
+        let node = make_node(domain, name)?;
+        Ok(Self { node, _membership: membership })
+    }
+
+    pub(crate) fn sized<W: Wire>(&self, topic: Topic) -> Result<Sized<W>, TopicError> {
+        open(topic, W::SCHEMA, || {
+            let builder = self.node.service_builder(&service_name(topic)?).publish_subscribe::<W>();
+            Ok(builder.user_header::<Header>().open_with_attributes(&verifier(W::SCHEMA)?))
+        })
+    }
+
+    pub(crate) fn slice<W: Wire>(&self, topic: Topic) -> Result<Slice<W>, TopicError> {
+        open(topic, W::SCHEMA, || {
+            let builder = self.node.service_builder(&service_name(topic)?).publish_subscribe::<[W]>();
+            Ok(builder.user_header::<Header>().open_with_attributes(&verifier(W::SCHEMA)?))
+        })
+    }
+
+    pub(crate) fn bell(&self, topic: Topic) -> Result<Bell, TopicError> {
+        let failed = |reason| TopicError::Topic { topic: topic.name(), what: "opening its event", reason };
+        self.node.service_builder(&service_name(topic)?).event().open().map_err(|e| failed(e.to_string()))
+    }
+}
+
+/// The launcher's part: it alone creates topics, so that no worker's death can leave one half made.
+#[derive(Debug)]
+pub struct Owner {
+    // Topics before the node, the node before the claim that wipes the domain.
+    _topics: Vec<Box<dyn core::fmt::Debug>>,
+    participant: Participant,
+    claim: Claim,
+}
+
+impl Owner {
+    /// Claims a domain and creates every topic in it, for scans of at most `max_readings` and a
+    /// graph of `services` processes.
+    ///
+    /// # Errors
+    /// The domain is in use, or /dev/shm is too small or refuses.
+    pub fn create(domain: Domain, max_readings: usize, services: usize) -> Result<Self, TopicError> {
+        let claim = domain.claim()?;
+        check_memory(memory_budget_bytes(max_readings, services as u64))?;
+        let participant = Participant::join(claim.domain(), "launcher")?;
+        let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
+        for topic in Topic::ALL {
+            let node = &participant.node;
+            let qos = topic.qos(max_readings);
+            topics.push(match topic {
+                Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
+                Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
+                Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
+                Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
+                Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
+                Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
+                Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
+                Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
+            });
+            topics.push(Box::new(create_bell(node, topic)?));
+        }
+        Ok(Self { _topics: topics, participant, claim })
+    }
+
+    /// The launcher as a process of its own domain.
+    #[must_use]
+    pub fn participant(&self) -> &Participant {
+        &self.participant
+    }
+
+    /// The domain.
+    #[must_use]
+    pub fn domain(&self) -> &Domain {
+        self.claim.domain()
+    }
+}
+
+fn make_node(domain: &Domain, name: &str) -> Result<Node<ipc::Service>, TopicError> {
+    set_log_level_from_env_or(LogLevel::Fatal);
+    let failed = |reason: String| TopicError::Node { domain: domain.name().into(), name: name.into(), reason };
+    // The global configuration, not only the node's: cleaning up after the dead falls back to it.
+    let path = domain.iceoryx2_config();
+    let file = FilePath::new(path_bytes(&path)).map_err(|e| failed(format!("{}: {e:?}", path.display())))?;
+    let config =
+        Config::setup_global_config_from_file(&file).map_err(|e| failed(format!("{}: {e:?}", path.display())))?;
+    NodeBuilder::new()
+        .name(&NodeName::new(name).map_err(|e| failed(format!("{e:?}")))?)
+        // Signals are the service loop's own business; iceoryx2's handlers swallow fifteen of them.
+        .signal_handling_mode(SignalHandlingMode::Disabled)
+        .config(config)
+        .create::<ipc::Service>()
+        .map_err(|e| failed(e.to_string()))
+}
+
+fn path_bytes(path: &StdPath) -> &[u8] {
+    use std::os::unix::ffi::OsStrExt;
+    path.as_os_str().as_bytes()
+}
+
+fn service_name(topic: Topic) -> Result<ServiceName, TopicError> {
+    ServiceName::new(topic.name()).map_err(|e| TopicError::Topic {
+        topic: topic.name(),
+        what: "naming it",
+        reason: format!("{e:?}"),
+    })
+}
+
+fn attribute_failed(e: impl core::fmt::Debug) -> TopicError {
+    TopicError::Topic { topic: "schema", what: "setting the attribute", reason: format!("{e:?}") }
+}
+
+fn verifier(schema: &str) -> Result<AttributeVerifier, TopicError> {
+    let key = "schema".try_into().map_err(attribute_failed)?;
+    let value = schema.try_into().map_err(attribute_failed)?;
+    AttributeVerifier::new().require(&key, &value).map_err(attribute_failed)
+}
+
+fn specifier(schema: &str) -> Result<AttributeSpecifier, TopicError> {
+    let key = "schema".try_into().map_err(attribute_failed)?;
+    let value = schema.try_into().map_err(attribute_failed)?;
+    AttributeSpecifier::new().define(&key, &value).map_err(attribute_failed)
+}
+
+/// Opens a topic; waits for one that is still being made.
+fn open<F>(
+    topic: Topic,
+    mine: &'static str,
+    mut attempt: impl FnMut() -> Result<Result<F, PublishSubscribeOpenError>, TopicError>,
+) -> Result<F, TopicError> {
+    use PublishSubscribeOpenError as E;
+    let deadline = Instant::now() + OPEN_WITHIN;
+    loop {
+        match attempt()? {
+            Ok(factory) => return Ok(factory),
+            Err(E::IncompatibleTypes | E::IncompatibleAttributes) => {
+                return Err(TopicError::Version {
+                    topic: topic.name(),
+                    mine,
+                    reason: "incompatible message type".into(),
+                });
+            }
+            Err(E::DoesNotExist | E::HangsInCreation) if Instant::now() < deadline => {
+                // iceoryx2 offers nothing to wait on for a service that does not exist yet.
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            Err(e) => return Err(TopicError::Topic { topic: topic.name(), what: "opening it", reason: e.to_string() }),
+        }
+    }
+}
+
+macro_rules! create {
+    ($node:ident, $topic:ident, $qos:ident, $payload:ty, $schema:expr) => {
+        $node
+            .service_builder(&service_name($topic)?)
+            .publish_subscribe::<$payload>()
+            .user_header::<Header>()
+            .max_nodes(MAX_NODES)
+            .max_publishers($qos.publishers)
+            .max_subscribers($qos.subscribers)
+            .history_size($qos.history)
+            .subscriber_max_buffer_size($qos.buffer)
+            .subscriber_max_borrowed_samples(2)
+            // A stalled consumer must never block a sensor; back-pressure is by acknowledgement.
+            .enable_safe_overflow(true)
+            .create_with_attributes(&specifier($schema)?)
+            .map_err(|e| TopicError::Topic { topic: $topic.name(), what: "creating it", reason: e.to_string() })
+    };
+}
+
+fn create_sized<W: Wire>(node: &Node<ipc::Service>, topic: Topic, qos: Qos) -> Result<Sized<W>, TopicError> {
+    create!(node, topic, qos, W, W::SCHEMA)
+}
+
+fn create_slice<W: Wire + ZeroCopySend>(
+    node: &Node<ipc::Service>,
+    topic: Topic,
+    qos: Qos,
+) -> Result<Slice<W>, TopicError> {
+    create!(node, topic, qos, [W], W::SCHEMA)
+}
+
+fn create_bell(node: &Node<ipc::Service>, topic: Topic) -> Result<Bell, TopicError> {
+    node.service_builder(&service_name(topic)?)
+        .event()
+        .max_nodes(MAX_NODES)
+        .max_notifiers(MAX_LISTENERS)
+        .max_listeners(MAX_LISTENERS)
+        .event_id_max_value(15)
+        .notifier_created_event(EventId::new(PRODUCER_EVENTS[0]))
+        .notifier_dropped_event(EventId::new(PRODUCER_EVENTS[1]))
+        .notifier_dead_event(EventId::new(PRODUCER_EVENTS[2]))
+        .create()
+        .map_err(|e| TopicError::Topic { topic: topic.name(), what: "creating its event", reason: e.to_string() })
+}

@@ -1,0 +1,146 @@
+//! Bad input gets one clear error, and no graph is started for nothing.
+
+use std::io::Write as _;
+use std::process::Output;
+
+use crate::support::{Drive, echogrid, said, summary};
+
+/// Runs with `arguments`; the one error must hold every one of `snippets`.
+fn check(arguments: &[&str], snippets: &[&str]) {
+    refused(&echogrid(arguments), snippets);
+}
+
+fn refused(output: &Output, snippets: &[&str]) {
+    assert_eq!(output.status.code(), Some(1), "{}", said(output));
+    let error = String::from_utf8_lossy(&output.stderr);
+    for snippet in snippets {
+        assert!(error.contains(snippet), "no {snippet:?} in:\n{error}");
+    }
+    assert!(!error.contains("panicked"), "{error}");
+}
+
+/// `echogrid map` of a log with this content.
+fn map(content: &[u8]) -> Output {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("drive.log");
+    std::fs::write(&log, content).unwrap();
+    echogrid(["map", log.to_str().unwrap(), "--out", folder.path().join("maps").to_str().unwrap(), "--json", "-q"])
+}
+
+const FEW_LINES: &str = "\
+ODOM 0 0 0 0 0 0 0.1 host 0.1
+FLASER 3 1 2 1 0 0 0 0 0 0 0.1 host 0.1
+ODOM 0.1 0 0 0 0 0 0.2 host 0.2
+FLASER 3 1 2 1 0.1 0 0 0.1 0 0 0.2 host 0.2
+";
+
+#[test]
+fn logs_from_which_nothing_can_be_mapped() {
+    check(&["map", "/nowhere/drive.log"], &["/nowhere/drive.log"]);
+    check(&["map", "/"], &["/"]);
+    refused(&map(b""), &["drive.log", "empty"]);
+    refused(&map(b"PNG\x89\x00\x01\x02 nothing of the kind \xff\xfe\x00"), &["drive.log", "CARMEN"]);
+    refused(&map(b"RAWLASER1 0 -1.57 3.14 0.0174 80 0.01 0 3 1 2 1 0 0.1 h 0.1\n# no pose\n"), &["drive.log"]);
+    refused(&map(b"ODOM 0 0 0 0 0 0 0.1 h 0.1\nODOM 0 0 0 0 0 0 0.2 h 0.2\n"), &["drive.log", "readings"]);
+}
+
+#[test]
+fn damage_is_counted_and_the_rest_is_mapped() {
+    let mut log = FEW_LINES.to_owned();
+    log += "ODOM nan 0 0 0 0 0 0.3 host 0.3\n";
+    log += "ODOM 1e99 0 0 0 0 0 0.3 host 0.3\n";
+    log += "WOBBLE 1 2 3\n";
+    log += "FLASER 3 1 2";
+    let output = map(log.as_bytes());
+    let summary = summary(&output);
+    assert_eq!(summary["scans"], 2);
+    assert_eq!(summary["odometry"], 2);
+    let remarks = summary["log_faults"].to_string();
+    for remark in ["nan", "1e99", "WOBBLE", "line"] {
+        assert!(remarks.contains(remark), "no {remark:?} in {remarks}");
+    }
+}
+
+#[test]
+fn a_truncated_gzip_gives_the_map_so_far() {
+    let drive = Drive::new(6.0);
+    let text = std::fs::read(drive.log()).unwrap();
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    encoder.write_all(&text).unwrap();
+    let whole = encoder.finish().unwrap();
+    let summary = summary(&map(&whole[..whole.len() / 2]));
+    assert!(summary["scans"].as_u64().unwrap() > 10);
+    assert!(summary["log_faults"].to_string().contains("compressed"), "{summary}");
+}
+
+#[test]
+fn an_output_directory_that_cannot_be_written() {
+    let drive = Drive::new(0.5);
+    let output = drive.map("drive.log/maps", &[]);
+    refused(&output, &["drive.log/maps"]);
+}
+
+#[test]
+fn configuration_that_is_typed_wrong() {
+    let drive = Drive::new(0.5);
+    let set = |assignment: &str, snippets: &[&str]| refused(&drive.map("maps", &["--set", assignment]), snippets);
+    set("mapper.resolutoin_m=0.1", &["resolutoin_m", "did you mean", "resolution_m"]);
+    set("mapper.resolution=0.1", &["resolution_m"]);
+    set("mapper.resolution_m=5cm", &["resolution_m", "5cm"]);
+    set("mapper.resolution_m=-1", &["resolution_m", "-1"]);
+    set("mapper.p_occupied=0.2", &["p_occupied", "0.2"]);
+    set("odometry.systematic=cary", &["systematic", "cary", "carry"]);
+    set("mapper.fusion=bayes", &["fusion", "bayes", "paper"]);
+    set("mapper.sonars=[0, 99]", &["sonars", "99"]);
+    refused(&drive.map("maps", &["--rate", "fast"]), &["fast", "max"]);
+    refused(&drive.map("maps", &["--robot", "pioneer3xt"]), &["pioneer3xt", "pioneer3at"]);
+    refused(&drive.map("maps", &["--domain", "My Robot"]), &["My Robot"]);
+}
+
+#[test]
+fn graph_files_that_are_wrong() {
+    let drive = Drive::new(0.5);
+    let graph = |text: &str, snippets: &[&str]| {
+        let file = drive.out("graph.toml");
+        std::fs::write(&file, text).unwrap();
+        for command in ["up", "check"] {
+            refused(&echogrid([command, file.to_str().unwrap()]), snippets);
+        }
+    };
+    graph("[mapper]\nresolutoin_m = 0.1\n", &["graph.toml:2", "resolutoin_m", "did you mean `resolution_m`"]);
+    graph("[mapper]\nresolution_m = \"5 cm\"\n", &["graph.toml:2", "resolution_m"]);
+    graph(
+        "[services.publisher]\nkind = \"publisher\"\nexec = \"./no-such-program\"\n",
+        &["no-such-program", "publisher"],
+    );
+    graph("[mapper\n", &["graph.toml:1"]);
+    check(&["up", "/nowhere/graph.toml"], &["/nowhere/graph.toml"]);
+}
+
+#[test]
+fn a_command_line_that_makes_no_sense_is_wrong_usage() {
+    for arguments in [&["mapp"][..], &["map"], &["map", "a", "b"], &["service", "cook"]] {
+        let output = echogrid(arguments);
+        assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+    }
+}
+
+#[test]
+fn a_small_shared_memory_is_said_before_anything_is_started() {
+    // A mount namespace of its own, where the machine allows one.
+    let drive = Drive::new(0.5);
+    let script = format!(
+        "mount -t tmpfs -o size=4m tmpfs /dev/shm && exec {} map {} --out {}",
+        crate::support::ECHOGRID,
+        drive.log().display(),
+        drive.out("maps").display()
+    );
+    let output =
+        std::process::Command::new("unshare").args(["--mount", "--map-root-user", "sh", "-c", &script]).output();
+    match output {
+        Ok(output) if !String::from_utf8_lossy(&output.stderr).starts_with("unshare:") => {
+            refused(&output, &["/dev/shm has ", " MiB free", "--shm-size"]);
+        }
+        other => eprintln!("skipped: no mount namespace here: {other:?}"),
+    }
+}

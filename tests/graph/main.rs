@@ -1,0 +1,11 @@
+//! Spawns the full process graph, as users do.
+
+#![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr)] // a test that can not go on has failed
+
+mod bad_input;
+mod drive;
+mod failure;
+mod maps;
+mod real_logs;
+mod shutdown;
+mod support;

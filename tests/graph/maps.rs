@@ -1,0 +1,194 @@
+//! A log in, a map out; the same log, the same map.
+
+use std::process::Command;
+
+use echogrid_core::{CellIndex, Pose2};
+use echogrid_formats::log;
+use echogrid_formats::map::native;
+use echogrid_mapper::MapperService;
+use echogrid_odometry::OdometryService;
+use echogrid_publisher::PublisherService;
+use echogrid_replay::{Replay, config::ReplayConfig};
+use echogrid_service::local;
+
+use crate::drive;
+use crate::support::{Drive, ECHOGRID, data, echogrid, pioneer, said, summary};
+
+#[test]
+fn a_drive_becomes_a_map_and_every_reading_is_accounted_for() {
+    let drive = Drive::new(12.0);
+    let surveyed = log::survey(&drive.log()).unwrap();
+    let summary = summary(&drive.map("maps", &["--json", "--quiet"]));
+    assert_eq!(summary["scans"], surveyed.scan_count);
+    assert_eq!(summary["odometry"], surveyed.odometry_count);
+    assert_eq!(summary["readings"], surveyed.reading_count);
+    assert_eq!(summary["lost_messages"], 0);
+    assert_eq!(summary["faulty_messages"], 0);
+    let refused: u64 = summary["refused"].as_array().unwrap().iter().map(|r| r["readings"].as_u64().unwrap()).sum();
+    assert_eq!(summary["accepted"].as_u64().unwrap() + refused, surveyed.reading_count);
+    for file in ["map.png", "map.pgm", "map.yaml", "map.npy", "map.echogrid"] {
+        assert!(drive.out("maps").join(file).exists(), "{file}");
+    }
+}
+
+#[test]
+fn the_map_shows_the_corridor_in_the_coordinates_of_the_log() {
+    let drive = Drive::new(20.0);
+    drive.native_map("maps", &[]);
+    let map = native::read(&drive.out("maps/map.echogrid")).unwrap();
+    let p = |x: f64, y: f64| {
+        let cell = map.grid.cell_at(x, y);
+        map.grid.log_odds(cell).map(|l| echogrid_core::log_odds::probability_of(f64::from(l)))
+    };
+    // The corridor runs from y = 5 to y = 7; the drive starts at (1, 6).
+    assert_eq!(map.path.first().unwrap().pose, Pose2::new(1.0, 6.0, 0.0));
+    assert!(p(1.5, 5.5).unwrap() < 0.2, "{:?}", p(1.5, 5.5));
+    // Its walls, within a cell, away from the doors.
+    let wall = |x: f64, y: f64| (-1..=1).filter_map(|row| p(x, y + 0.05 * f64::from(row))).fold(0.0, f64::max);
+    let walls: Vec<f64> = (0..20).flat_map(|i| [4.0, 6.0].map(|x| wall(x + 0.05 * f64::from(i), 5.0))).collect();
+    let found = walls.iter().filter(|p| **p > 0.65).count();
+    assert!(found > 32, "{found} of 40 places on the wall: {walls:.2?}");
+    // Nothing was seen behind the wall at the end of the building: not "free", not "even odds".
+    assert_eq!(map.grid.log_odds(CellIndex { i: -40, j: 120 }), None);
+    assert!(map.provenance.log_sha256.is_some() && map.provenance.config_toml.contains("resolution_m"));
+}
+
+#[test]
+fn the_same_log_gives_the_same_bytes_at_any_rate_on_any_number_of_processors() {
+    let drive = Drive::new(8.0);
+    let reference = drive.native_map("reference", &["--rate", "max"]);
+    for (name, rate) in [("a", "max"), ("b", "40"), ("c", "300"), ("d", "max")] {
+        assert!(drive.native_map(name, &["--rate", rate]) == reference, "--rate {rate}");
+    }
+    let one_processor =
+        Command::new("taskset").args(["-c", "0", ECHOGRID]).args(drive.map_arguments("e", &[])).output();
+    match one_processor {
+        Ok(output) => {
+            assert!(output.status.success(), "{}", said(&output));
+            assert!(std::fs::read(drive.out("e/map.echogrid")).unwrap() == reference, "one processor");
+        }
+        Err(error) => eprintln!("skipped: taskset: {error}"),
+    }
+}
+
+#[test]
+fn the_same_steps_in_one_process_give_the_same_bytes() {
+    let drive = Drive::new(8.0);
+    let reference = drive.native_map("processes", &[]);
+    assert!(in_one_process(&drive.log(), &drive.out("local")) == reference);
+}
+
+/// Maps a log by calling the `step` of each service.
+pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path) -> Vec<u8> {
+    let config = echogrid::config::Config::default();
+    let surveyed = log::survey(log).unwrap();
+    let provenance = echogrid::commands::provenance(&config, Some(log), Some(&surveyed)).unwrap();
+    let mut sensor = Replay::new(&ReplayConfig { log: log.into() }, None).unwrap();
+    let mut odometry = OdometryService::new(&config.odometry, config.mapper.resolution_m).unwrap();
+    let mut mapper = MapperService::new(&config.mapper, &config.odometry).unwrap();
+    let mut publisher = PublisherService::new(config.publisher.clone(), out.into(), provenance).unwrap();
+    local::run(&mut sensor, &mut [&mut odometry, &mut mapper, &mut publisher]).unwrap();
+    std::fs::read(out.join("map.echogrid")).unwrap()
+}
+
+#[test]
+fn odometry_error_fades_the_map_and_can_be_turned_off() {
+    let drive = Drive::new(30.0);
+    let decided = |name: &str, sets: &[&str]| {
+        let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
+        let summary = summary(&drive.map(name, &[&["--json", "--quiet"][..], &sets].concat()));
+        let cells = |key: &str| summary["cells"][key].as_f64().unwrap();
+        (cells("occupied") + cells("free"), summary["trust"].as_f64().unwrap())
+    };
+    let none = ["odometry.k_ll=0", "odometry.k_lt=0", "odometry.k_tt=0", "odometry.k_tl=0"];
+    let (decided_without, trust_without) = decided("off", &[&none[..], &["odometry.systematic=off"]].concat());
+    let (decided_with, trust_with) = decided("carry", &["odometry.systematic=carry", "odometry.seed=3"]);
+    assert!((trust_without - 1.0).abs() < 1e-12, "{trust_without}");
+    assert!(trust_with < 0.05, "{trust_with}");
+    assert!(decided_with < 0.6 * decided_without, "{decided_with} of {decided_without} cells decided");
+}
+
+#[test]
+fn graphs_run_side_by_side() {
+    let drive = Drive::new(6.0);
+    let outputs: Vec<_> = std::thread::scope(|scope| {
+        let runs: Vec<_> = (0..3)
+            .map(|n| {
+                scope.spawn({
+                    let drive = &drive;
+                    move || drive.native_map(&format!("side{n}"), &[])
+                })
+            })
+            .collect();
+        runs.into_iter().map(|run| run.join().unwrap()).collect()
+    });
+    assert!(outputs.windows(2).all(|pair| pair[0] == pair[1]));
+}
+
+#[test]
+fn a_graph_file_runs_like_the_command() {
+    let drive = Drive::new(6.0);
+    let reference = drive.native_map("command", &[]);
+    let graph = drive.out("graph.toml");
+    std::fs::write(&graph, "[run]\nout = \"from-graph\"\n\n[replay]\nlog = \"drive.log\"\n").unwrap();
+    let output = echogrid(["up", graph.to_str().unwrap(), "--sensor", "replay"]);
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(std::fs::read(drive.out("from-graph/map.echogrid")).unwrap() == reference);
+}
+
+#[test]
+fn a_map_converts_to_what_other_programs_read() {
+    let drive = Drive::new(3.0);
+    drive.native_map("maps", &[]);
+    let native = drive.out("maps/map.echogrid");
+    for ending in ["png", "npy", "yaml"] {
+        let output = echogrid(
+            [native.as_os_str(), drive.out(&format!("converted.{ending}")).as_os_str()]
+                .map(ToOwned::to_owned)
+                .into_iter()
+                .fold(vec!["convert".into()], |mut all: Vec<std::ffi::OsString>, one| {
+                    all.push(one);
+                    all
+                }),
+        );
+        assert!(output.status.success(), "{}", said(&output));
+    }
+    assert_eq!(std::fs::read(drive.out("converted.npy")).unwrap(), std::fs::read(drive.out("maps/map.npy")).unwrap());
+    assert_eq!(std::fs::read(drive.out("converted.png")).unwrap(), std::fs::read(drive.out("maps/map.png")).unwrap());
+}
+
+/// The drive that the program ships is the one made here. To make it anew:
+/// `ECHOGRID_WRITE_DEMO=1 cargo test --test graph shipped`.
+#[test]
+fn the_shipped_drive_is_the_one_made_here() {
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/launch/demo/office.log.gz");
+    let folder = tempfile::tempdir().unwrap();
+    let fresh = folder.path().join("office.log");
+    std::fs::write(&fresh, drive::carmen_log(&pioneer(), 1, f64::INFINITY)).unwrap();
+    if std::env::var_os("ECHOGRID_WRITE_DEMO").is_some() {
+        use std::io::Write;
+        let file = std::fs::File::create(shipped).unwrap();
+        let mut encoder = flate2::write::GzEncoder::new(file, flate2::Compression::best());
+        encoder.write_all(&std::fs::read(&fresh).unwrap()).unwrap();
+        encoder.finish().unwrap();
+    }
+    let mut text = String::new();
+    let decoder = flate2::read::GzDecoder::new(std::fs::File::open(shipped).unwrap());
+    std::io::Read::read_to_string(&mut { decoder }, &mut text).unwrap();
+    assert!(text == std::fs::read_to_string(&fresh).unwrap(), "launch/demo/office.log.gz is another drive");
+}
+
+#[test]
+fn a_real_sonar_log_maps_the_same_in_one_process_and_loses_nothing() {
+    let Some(log) = data("sonar/columbia-sonar.log.gz") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("maps");
+    let summary = summary(&echogrid(["map", log.to_str().unwrap(), "--out", out.to_str().unwrap(), "--json", "-q"]));
+    assert_eq!(
+        (&summary["scans"], &summary["odometry"], &summary["readings"]),
+        (&1737.into(), &6948.into(), &(1737 * 16).into())
+    );
+    assert_eq!(summary["lost_messages"], 0);
+    let reference = std::fs::read(out.join("map.echogrid")).unwrap();
+    assert!(in_one_process(&log, &folder.path().join("local")) == reference);
+}

@@ -1,0 +1,104 @@
+//! However a graph ends, nothing of it stays.
+
+use std::time::Duration;
+
+use echogrid::testing::GraphProcess;
+use echogrid_formats::map::native;
+use nix::sys::signal::Signal;
+
+use crate::support::{Drive, ECHOGRID};
+
+/// A drive that takes far longer than a test at this rate.
+const REAL_TIME: &[&str] = &["--rate", "1"];
+
+const NOTHING: Vec<String> = Vec::new();
+
+fn running(drive: &Drive) -> GraphProcess {
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", REAL_TIME));
+    graph.wait_for("all services ready");
+    graph
+}
+
+#[test]
+fn a_normal_end_leaves_nothing() {
+    let drive = Drive::new(3.0);
+    let ended = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &[])).wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!(ended.leftovers(), NOTHING);
+}
+
+#[test]
+fn ctrl_c_saves_the_map_so_far_and_leaves_nothing() {
+    let drive = Drive::new(f64::INFINITY);
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let graph = running(&drive);
+        graph.signal(signal);
+        let ended = graph.wait();
+        assert!(ended.status.success(), "{signal}: {}", ended.stderr);
+        assert!(ended.stdout.contains("stopped before its end"), "{}", ended.stdout);
+        assert_eq!(ended.leftovers(), NOTHING);
+        native::read(&drive.out("maps/map.echogrid")).unwrap();
+        std::fs::remove_dir_all(drive.out("maps")).unwrap();
+    }
+}
+
+#[test]
+fn a_killed_launcher_takes_its_services_along_and_the_next_start_sweeps() {
+    let drive = Drive::new(f64::INFINITY);
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "10"]));
+    // By then there is something in the map.
+    graph.wait_for("messages");
+    graph.signal(Signal::SIGKILL);
+    assert_eq!(graph.survivors_after(Duration::from_secs(2)), NOTHING);
+    let killed = graph.wait();
+    assert!(!killed.leftovers().is_empty(), "a killed launcher can't have swept");
+    // The publisher saw the launcher go and saved what there was.
+    native::read(&drive.out("maps/map.echogrid")).unwrap();
+    let short = Drive::new(1.0);
+    let next = GraphProcess::start(ECHOGRID, short.map_arguments("maps", &[])).wait();
+    assert!(next.status.success(), "{}", next.stderr);
+    assert_eq!(killed.leftovers(), NOTHING);
+    assert_eq!(next.leftovers(), NOTHING);
+}
+
+#[test]
+fn each_service_is_a_process_with_its_name() {
+    let drive = Drive::new(f64::INFINITY);
+    let mut graph = running(&drive);
+    let mut pids = vec![graph.pid()];
+    for (service, shown) in [
+        ("sensor", "echogrid-replay"),
+        ("odometry", "echogrid-odomet"),
+        ("mapper", "echogrid-mapper"),
+        ("publisher", "echogrid-publis"),
+    ] {
+        let pid = graph.pid_of(service);
+        assert_eq!(std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap().trim(), shown);
+        pids.push(pid);
+    }
+    pids.sort_unstable();
+    pids.dedup();
+    assert_eq!(pids.len(), 5);
+    graph.signal(Signal::SIGINT);
+    assert!(graph.wait().status.success());
+}
+
+#[test]
+fn a_domain_has_one_graph() {
+    let drive = Drive::new(f64::INFINITY);
+    let name = format!("one-{}", std::process::id());
+    let mut first = GraphProcess::start_in(&name, ECHOGRID, drive.map_arguments("maps", REAL_TIME));
+    first.wait_for("all services ready");
+    let second = GraphProcess::start_in(&name, ECHOGRID, drive.map_arguments("other", &[])).wait();
+    assert_eq!(second.status.code(), Some(1));
+    assert!(
+        second.stderr.contains(&format!("domain {name:?} is in use by process {}", first.pid())),
+        "{}",
+        second.stderr
+    );
+    assert!(second.stderr.contains("--domain"), "{}", second.stderr);
+    first.signal(Signal::SIGINT);
+    let first = first.wait();
+    assert!(first.status.success(), "{}", first.stderr);
+    assert_eq!(first.leftovers(), NOTHING);
+}
