@@ -54,6 +54,18 @@ pub enum Command {
         #[command(flatten)]
         settings: Settings,
     },
+    /// Saves the map of a running graph now.
+    Save {
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+    /// Tells which graphs run, and how their services are doing.
+    Status {
+        /// Which graph; none: all that run.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
     /// Converts between log formats, or from a map to other map formats.
     Convert {
         /// Log or map.

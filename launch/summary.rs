@@ -35,8 +35,8 @@ pub struct Summary {
     pub resolution_m: f64,
     /// Width and height of what is known, metres.
     pub extent_m: [f64; 2],
-    /// From the first to the last stamp of the sensor, seconds.
-    pub recorded_s: f64,
+    /// Of the recording that was played, seconds; none for a sensor that is no recording.
+    pub recorded_s: Option<f64>,
     /// From all services ready to all gone, seconds.
     pub elapsed_s: f64,
     /// From the first process to all services ready, seconds.
@@ -72,9 +72,11 @@ pub struct Cells {
 }
 
 impl Summary {
-    /// Of a run that played `recorded_ns` (first and last stamp) at cells of `resolution_m`.
+    /// Of a run over a recording that begins at `first_ns` (none: the sensor is no recording), with cells
+    /// of `resolution_m`.
     #[must_use]
-    pub fn of(outcome: &Outcome, source: String, recorded_ns: (u64, u64), resolution_m: f64) -> Self {
+    pub fn of(outcome: &Outcome, source: String, first_ns: Option<u64>, resolution_m: f64) -> Self {
+        let last_ns = outcome.health.values().map(|health| health.stamp_ns).max().unwrap_or(0);
         let map = outcome.map.clone().unwrap_or_default();
         let extent_m = map.bounds.map_or([0.0; 2], |(low, high)| {
             [f64::from(high.i - low.i + 1) * resolution_m, f64::from(high.j - low.j + 1) * resolution_m]
@@ -103,7 +105,7 @@ impl Summary {
             cells: Cells { known: map.cells_known, occupied: map.cells_occupied, free: map.cells_free },
             resolution_m,
             extent_m,
-            recorded_s: recorded_ns.1.saturating_sub(recorded_ns.0) as f64 * 1e-9,
+            recorded_s: first_ns.map(|first_ns| last_ns.saturating_sub(first_ns) as f64 * 1e-9),
             elapsed_s: outcome.elapsed.as_secs_f64(),
             startup_s: outcome.startup.as_secs_f64(),
             faulty_messages: outcome.health.values().map(|health| health.faults).sum(),
@@ -126,15 +128,9 @@ fn clock(seconds: f64) -> String {
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stopped = if self.stopped { " (stopped before its end)" } else { "" };
-        writeln!(
-            f,
-            "{}: {} scans, {} poses, {:.1} m in {}{stopped}",
-            self.source,
-            self.scans,
-            self.odometry,
-            self.distance_m,
-            clock(self.recorded_s)
-        )?;
+        let Self { source, scans, odometry, distance_m, .. } = self;
+        let within = clock(self.recorded_s.unwrap_or(self.elapsed_s));
+        writeln!(f, "{source}: {scans} scans, {odometry} poses, {distance_m:.1} m in {within}{stopped}")?;
         write!(
             f,
             "readings  {} used of {} ({:.0} %)",
@@ -159,8 +155,9 @@ impl fmt::Display for Summary {
             percent(known.saturating_sub(free + occupied), known),
         )?;
         writeln!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
-        let speed = if self.elapsed_s > 0.0 { self.recorded_s / self.elapsed_s } else { 0.0 };
-        writeln!(f, "time      {:.2} s ({speed:.0} × real time), start-up {:.2} s", self.elapsed_s, self.startup_s)?;
+        let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
+        let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
+        writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;
         if self.lost_messages > 0 || self.faulty_messages > 0 {
             writeln!(f, "messages  {} lost, {} refused as faulty", self.lost_messages, self.faulty_messages)?;
         }

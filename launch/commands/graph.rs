@@ -51,8 +51,8 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
-    let recorded = survey.as_ref().map_or((0, 0), |survey| (survey.first_stamp_ns, survey.last_stamp_ns));
-    let mut summary = Summary::of(&outcome, source(config), recorded, config.mapper.resolution_m);
+    let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns);
+    let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.files = written(config, start);
     let text = if view.json { serde_json::to_string_pretty(&summary)? + "\n" } else { summary.to_string() };

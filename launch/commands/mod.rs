@@ -4,6 +4,7 @@ mod check;
 mod demo;
 mod graph;
 mod service;
+mod talk;
 
 use std::io::Write;
 use std::path::Path;
@@ -31,6 +32,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Check { graph, sensor, settings }) => {
             check::run(&LoadRequest { graph, sensor, ..settings.request() })
         }
+        Some(Command::Save { domain }) => talk::save(domain.as_deref()),
+        Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output }) => convert(&input, &output),
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),

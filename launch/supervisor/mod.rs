@@ -136,7 +136,8 @@ pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<S
 pub fn run(graph: &Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
     // Before any thread is started: threads inherit what is blocked.
     let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGCHLD])?;
-    let owner = Owner::create(graph.domain.clone(), graph.plan.max_readings, graph.services.len())?;
+    let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
+    let owner = Owner::create(graph.domain.clone(), graph.plan.max_readings, &names)?;
     graph.plan.write(owner.domain())?;
     let health = Input::open(owner.participant(), Topic::Health)?;
     let info = Input::open(owner.participant(), Topic::MapInfo)?;

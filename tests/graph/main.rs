@@ -9,3 +9,4 @@ mod maps;
 mod real_logs;
 mod shutdown;
 mod support;
+mod talk;

@@ -5,13 +5,13 @@ pub mod config;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use config::{PgmMode, PublisherConfig};
 use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
 use echogrid_formats::map::map_server::MapMode;
 use echogrid_formats::map::{MapDocument, MapFileOptions, MapFiles, PathPoint, Provenance};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::{Message, PoseEstimate, TileUpdate, Topic};
+use echogrid_topics::{Command, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
 
 /// What it reads.
@@ -124,6 +124,16 @@ impl Service for PublisherService {
             Input::Finish => self.save()?,
         }
         Ok(())
+    }
+
+    fn command(&mut self, command: Command) -> Result<String> {
+        match command {
+            Command::Save => {
+                ensure!(self.grid.is_some(), "there is no map yet");
+                self.save()?;
+                Ok(format!("saved in {}", self.out.display()))
+            }
+        }
     }
 }
 

@@ -15,7 +15,7 @@ pub mod runtime;
 pub mod signals;
 
 use anyhow::Result;
-use echogrid_topics::{Message, Topic};
+use echogrid_topics::{Command, Message, Topic};
 
 pub use outbox::Outbox;
 pub use plan::Plan;
@@ -51,6 +51,14 @@ pub trait Service {
     /// # Errors
     /// The service can't go on; the graph is stopped with this error.
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()>;
+
+    /// Carries out an order of the user: what was done, in words.
+    ///
+    /// # Errors
+    /// Why not, in words. The service goes on.
+    fn command(&mut self, command: Command) -> Result<String> {
+        anyhow::bail!("this service has nothing to {}", command.word())
+    }
 }
 
 /// A sensor: outputs only. All sources (a log, a simulator, a robot) are interchangeable.

@@ -74,6 +74,7 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     let mut patience = Duration::ZERO;
     while runtime.stop().is_none() {
         runtime.attend(patience)?;
+        runtime.serve(|command| service.command(command))?;
         let mut steps = 0;
         while steps < BATCH && out.is_empty() {
             let Some((header, message)) = runtime.take()? else { break };
@@ -102,6 +103,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
     let mut patience = Duration::ZERO;
     'playing: while runtime.stop().is_none() {
         runtime.attend(patience)?;
+        runtime.serve(|command| anyhow::bail!("a sensor has nothing to {}", command.word()))?;
         patience = Duration::ZERO;
         for _ in 0..BATCH {
             let (stamp_ns, message) = match waiting.take() {

@@ -5,7 +5,9 @@ use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use echogrid_topics::{Ack, Delivery, Domain, Health, Message, Output, Participant, Received, ServiceState, Topic};
+use echogrid_topics::{
+    Ack, Command, ControlServer, Delivery, Domain, Health, Message, Output, Participant, Received, ServiceState, Topic,
+};
 use echogrid_topics::{Header, Input as Port};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -49,6 +51,7 @@ pub struct Runtime {
     outputs: Vec<Output>,
     health_out: Output,
     health_in: Option<Port>,
+    control: Option<ControlServer>,
     signals: Signals,
     lifeline: Option<Lifeline>,
     state: ServiceState,
@@ -94,8 +97,12 @@ impl Runtime {
             .collect::<Result<_>>()?;
         let health_in = if outputs.is_empty() { None } else { Some(Port::open(&participant, Topic::Health)?) };
         let outputs = outputs.iter().map(|topic| open(*topic)).collect::<Result<_, _>>()?;
+        // A service that joins a running graph by hand is not one that the launcher knows.
+        let control =
+            std::env::var_os(SERVICE_VARIABLE).map(|_| ControlServer::open(&participant, &name)).transpose()?;
         Ok(Self {
             name,
+            control,
             plan,
             sources,
             outputs,
@@ -216,6 +223,15 @@ impl Runtime {
         streams.all(|source| source.ended)
     }
 
+    /// Answers the user's orders.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn serve(&mut self, mut carry_out: impl FnMut(Command) -> Result<String>) -> Result<()> {
+        let Some(control) = &mut self.control else { return Ok(()) };
+        Ok(control.serve(|command| carry_out(command).map_err(|error| format!("{error:#}")))?)
+    }
+
     /// Sends what the windows of the consumers have room for, and wakes them.
     ///
     /// # Errors
@@ -330,6 +346,7 @@ impl Runtime {
         let watched_lifeline = fds.len() == 2;
         fds.extend(self.sources.iter().map(|source| source.port.fd()));
         fds.extend(self.health_in.as_ref().map(Port::fd));
+        fds.extend(self.control.as_ref().map(ControlServer::fd));
         let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
         // Rounded up: a loop that waits for 0 ms until 0.9 ms have passed would spin.
         let millis = patience.as_micros().div_ceil(1000);

@@ -1,6 +1,7 @@
 //! The contract between echogrid's processes: message types and their layouts, topics and their
 //! quality of service, domains. No other crate names iceoryx2.
 
+pub mod control;
 pub mod domain;
 pub mod message;
 pub mod participant;
@@ -8,6 +9,7 @@ pub mod port;
 pub mod topic;
 pub mod wire;
 
+pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
 pub use message::{Ack, Health, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState, TileUpdate};
 pub use participant::{Owner, Participant, TopicError};

@@ -12,6 +12,7 @@ use iceoryx2::prelude::{
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
+use crate::control;
 use crate::domain::{Claim, Domain, DomainError, Membership, check_memory};
 use crate::topic::{Qos, Topic, memory_budget_bytes};
 use crate::wire::{
@@ -89,6 +90,10 @@ impl Participant {
         Ok(Self { node, _membership: membership })
     }
 
+    pub(crate) fn node(&self) -> &Node<ipc::Service> {
+        &self.node
+    }
+
     pub(crate) fn sized<W: Wire>(&self, topic: Topic) -> Result<Sized<W>, TopicError> {
         open(topic, W::SCHEMA, || {
             let builder = self.node.service_builder(&service_name(topic)?).publish_subscribe::<W>();
@@ -120,13 +125,13 @@ pub struct Owner {
 
 impl Owner {
     /// Claims a domain and creates every topic in it, for scans of at most `max_readings` and a
-    /// graph of `services` processes.
+    /// graph of these `services`.
     ///
     /// # Errors
     /// The domain is in use, or /dev/shm is too small or refuses.
-    pub fn create(domain: Domain, max_readings: usize, services: usize) -> Result<Self, TopicError> {
+    pub fn create(domain: Domain, max_readings: usize, services: &[&str]) -> Result<Self, TopicError> {
         let claim = domain.claim()?;
-        check_memory(memory_budget_bytes(max_readings, services as u64))?;
+        check_memory(memory_budget_bytes(max_readings, services.len() as u64))?;
         let participant = Participant::join(claim.domain(), "launcher")?;
         let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
         for topic in Topic::ALL {
@@ -143,6 +148,9 @@ impl Owner {
                 Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
             });
             topics.push(Box::new(create_bell(node, topic)?));
+        }
+        for service in services {
+            topics.extend(control::create(&participant.node, service)?);
         }
         Ok(Self { _topics: topics, participant, claim })
     }

@@ -1,0 +1,101 @@
+//! Talking to a running graph: `echogrid save`, `echogrid status`.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use echogrid_service::Plan;
+use echogrid_topics::{Command, Domain, Health, Input, Message, Participant, Received, ServiceState, Topic};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+
+use crate::config::{self, ServiceKind};
+
+/// Writing a large map to a slow disk takes its time.
+const SAVED_WITHIN: Duration = Duration::from_secs(60);
+/// Every service says how it is doing four times a second.
+const HEARD_WITHIN: Duration = Duration::from_secs(1);
+
+/// Has every publisher of a graph save its map.
+pub(super) fn save(domain: Option<&str>) -> Result<()> {
+    let domain = choose(domain)?;
+    let participant = Participant::join(&domain, "echogrid save")?;
+    for publisher in publishers(&Plan::read(&domain)?)? {
+        match echogrid_topics::control::order(&participant, &publisher, Command::Save, SAVED_WITHIN)? {
+            Ok(done) => super::print(&format!("{publisher}: {done}\n"))?,
+            Err(why) => bail!("{publisher}: {why}"),
+        }
+    }
+    Ok(())
+}
+
+/// Tells how the services of a graph are doing, or which graphs run.
+pub(super) fn status(domain: Option<&str>) -> Result<()> {
+    let running = echogrid_topics::domain::running();
+    if domain.is_none() && running.len() != 1 {
+        let text = if running.is_empty() { "no graph runs".into() } else { running.join("\n") };
+        return super::print(&format!("{text}\n"));
+    }
+    let domain = choose(domain)?;
+    let participant = Participant::join(&domain, "echogrid status")?;
+    let services: config::Config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
+    let heard = listen(&participant, services.services.len())?;
+    let mut text = format!("domain {}\n", domain.name());
+    for name in services.services.keys() {
+        text += &match heard.get(name) {
+            None => format!("{name:<10} not heard of within {} s\n", HEARD_WITHIN.as_secs()),
+            Some(health) => {
+                let state = match health.state {
+                    ServiceState::Starting => "starting",
+                    ServiceState::Running => "running",
+                    ServiceState::Draining => "draining",
+                    ServiceState::Finished => "finished",
+                    ServiceState::Failed => "failed",
+                };
+                let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
+                let Health { pid, progress, faults, lost, .. } = health;
+                format!("{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost\n")
+            }
+        };
+    }
+    super::print(&text)
+}
+
+/// The graph that was named, or the only one that runs.
+fn choose(domain: Option<&str>) -> Result<Domain> {
+    if let Some(name) = domain {
+        return Ok(Domain::named(name)?);
+    }
+    match echogrid_topics::domain::running().as_slice() {
+        [] => bail!("no graph runs"),
+        [only] => Ok(Domain::named(only)?),
+        several => bail!("several graphs run: choose one with --domain ({})", several.join(", ")),
+    }
+}
+
+fn publishers(plan: &Plan) -> Result<Vec<String>> {
+    let config: config::Config = plan.config.clone().try_into().context("in the plan of the graph")?;
+    let publishers = config.services.into_iter().filter(|(_, service)| service.kind == ServiceKind::Publisher);
+    Ok(publishers.map(|(name, _)| name).collect())
+}
+
+/// What the services say of themselves, until `services` of them were heard.
+fn listen(participant: &Participant, services: usize) -> Result<BTreeMap<String, Health>> {
+    let mut port = Input::open(participant, Topic::Health)?;
+    let mut heard = BTreeMap::new();
+    let deadline = Instant::now() + HEARD_WITHIN;
+    while heard.len() < services {
+        port.hush()?;
+        while let Some(received) = port.receive()? {
+            if let Received::Message(_, Message::Health(health)) = received {
+                heard.insert(health.service.clone(), health);
+            }
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            break;
+        }
+        let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
+        poll(&mut [PollFd::new(port.fd(), PollFlags::POLLIN)], timeout).context("waiting for the services")?;
+    }
+    Ok(heard)
+}

@@ -1,0 +1,192 @@
+//! Orders to a running service, and its answers.
+//!
+//! Each service of a graph has a request-response service `control/<name>` and an event service of
+//! the same name: event 0 wakes the server, event 1 the client.
+
+use std::os::fd::BorrowedFd;
+use std::time::{Duration, Instant};
+
+use iceoryx2::node::Node;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::server::Server;
+use iceoryx2::prelude::{BackpressureStrategy, EventId, FileDescriptorBased, ServiceName, ipc};
+use iceoryx2::service::port_factory::{event, request_response};
+
+use crate::participant::{Participant, TopicError};
+use crate::wire::{ControlReplyWire, ControlRequestWire, bytes_to_text, text_to_bytes};
+
+const REQUEST: usize = 0;
+const REPLY: usize = 1;
+/// Clients at a time, and as many as may be left of crashed ones.
+const CLIENTS: usize = 8;
+
+type Factory = request_response::PortFactory<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
+type ClientPort = Client<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
+type ServerPort = Server<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
+
+/// What a service can be told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Command {
+    /// Save what you have.
+    Save = 1,
+}
+
+impl Command {
+    /// As people say it.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Save => "save",
+        }
+    }
+
+    fn from_code(code: u32) -> Option<Self> {
+        (code == Self::Save as u32).then_some(Self::Save)
+    }
+}
+
+/// Where a service hears orders.
+#[derive(Debug)]
+pub struct ControlServer {
+    server: ServerPort,
+    bell: Notifier<ipc::Service>,
+    listener: Listener<ipc::Service>,
+    /// The last order carried out: a repeated one gets the same answer.
+    last: Option<ControlReplyWire>,
+}
+
+impl ControlServer {
+    /// Opens the orders to `service`; the launcher made the topic.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn open(participant: &Participant, service: &str) -> Result<Self, TopicError> {
+        let name = name(service)?;
+        let events = participant.node().service_builder(&name).event().open().map_err(|e| failed("opening", e))?;
+        let listener = events.listener_builder().create().map_err(|e| failed("listening", e))?;
+        let factory = open(participant.node(), &name)?;
+        let server = factory
+            .server_builder()
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| failed("serving", e))?;
+        Ok(Self { server, bell: notifier(&events, REPLY)?, listener, last: None })
+    }
+
+    /// Readable when there may be an order.
+    #[must_use]
+    pub fn fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the listener owns the descriptor and outlives the borrow.
+        unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
+    }
+
+    /// Answers the orders that have come; `carry_out` says what was done, or why not.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn serve(&mut self, mut carry_out: impl FnMut(Command) -> Result<String, String>) -> Result<(), TopicError> {
+        self.listener.try_wait(|_| {}).map_err(|e| failed("draining its event", e))?;
+        while let Some(request) = self.server.receive().map_err(|e| failed("receiving", e))? {
+            let ControlRequestWire { id, command, .. } = *request;
+            let reply = self.last.filter(|last| last.id == id).unwrap_or_else(|| {
+                let result = match Command::from_code(command) {
+                    Some(command) => carry_out(command),
+                    None => Err(format!("command {command} is not known here")),
+                };
+                let (done, text) = match result {
+                    Ok(text) => (1, text),
+                    Err(text) => (0, text),
+                };
+                ControlReplyWire { id, done, reserved: 0, text: text_to_bytes(&text) }
+            });
+            self.last = Some(reply);
+            request.send_copy(reply).map_err(|e| failed("replying", e))?;
+            self.bell.notify().map_err(|e| failed("notifying", e))?;
+        }
+        Ok(())
+    }
+}
+
+/// Tells `service` to carry out `command` and waits for its answer: what was done, or why not.
+///
+/// # Errors
+/// There is no such service in the graph, it does not answer within `patience`, or shared memory refuses.
+pub fn order(
+    participant: &Participant,
+    service: &str,
+    command: Command,
+    patience: Duration,
+) -> Result<Result<String, String>, TopicError> {
+    let name = name(service)?;
+    let events = participant.node().service_builder(&name).event().open().map_err(|e| failed("opening", e))?;
+    let listener = events.listener_builder().create().map_err(|e| failed("listening", e))?;
+    let client: ClientPort = open(participant.node(), &name)?
+        .client_builder()
+        .backpressure_strategy(BackpressureStrategy::DiscardData)
+        .create()
+        .map_err(|e| failed("asking", e))?;
+    let id = u64::from(std::process::id()) << 32 | u64::from(command as u32);
+    let request = ControlRequestWire { id, command: command as u32, ..ControlRequestWire::default() };
+    let pending = client.send_copy(request).map_err(|e| failed("asking", e))?;
+    notifier(&events, REQUEST)?.notify().map_err(|e| failed("notifying", e))?;
+    let deadline = Instant::now() + patience;
+    loop {
+        if let Some(reply) = pending.receive().map_err(|e| failed("receiving", e))? {
+            let text = bytes_to_text(&reply.text);
+            return Ok(if reply.done == 1 { Ok(text) } else { Err(text) });
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(failed("asking", format!("{service} has not answered within {} s", patience.as_secs())));
+        }
+        listener.timed_wait(|_| {}, left).map_err(|e| failed("waiting", e))?;
+    }
+}
+
+/// Makes the orders to `service` possible. The launcher keeps what this gives for as long as the graph lives.
+pub(crate) fn create(node: &Node<ipc::Service>, service: &str) -> Result<[Box<dyn core::fmt::Debug>; 2], TopicError> {
+    let name = name(service)?;
+    let orders = node
+        .service_builder(&name)
+        .request_response::<ControlRequestWire, ControlReplyWire>()
+        .max_nodes(CLIENTS)
+        .max_clients(CLIENTS)
+        .max_servers(2)
+        .max_active_requests_per_client(1)
+        .max_response_buffer_size(1)
+        .enable_safe_overflow_for_requests(false)
+        .enable_safe_overflow_for_responses(false)
+        .create()
+        .map_err(|e| failed("creating", e))?;
+    let events = node
+        .service_builder(&name)
+        .event()
+        .max_nodes(CLIENTS)
+        .max_notifiers(CLIENTS + 2)
+        .max_listeners(CLIENTS + 2)
+        .event_id_max_value(15)
+        .create()
+        .map_err(|e| failed("creating", e))?;
+    Ok([Box::new(orders), Box::new(events)])
+}
+
+fn open(node: &Node<ipc::Service>, name: &ServiceName) -> Result<Factory, TopicError> {
+    let builder = node.service_builder(name).request_response::<ControlRequestWire, ControlReplyWire>();
+    builder.open().map_err(|e| failed("opening", e))
+}
+
+fn notifier(events: &event::PortFactory<ipc::Service>, id: usize) -> Result<Notifier<ipc::Service>, TopicError> {
+    let builder = events.notifier_builder().default_event_id(EventId::new(id));
+    builder.create().map_err(|e| failed("creating a notifier", e))
+}
+
+fn name(service: &str) -> Result<ServiceName, TopicError> {
+    ServiceName::new(&format!("control/{service}")).map_err(|e| failed("naming", format!("{e:?}")))
+}
+
+fn failed(what: &'static str, reason: impl ToString) -> TopicError {
+    TopicError::Topic { topic: "control", what, reason: reason.to_string() }
+}
