@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use echogrid_core::{GridMapper, GridSummary, MapperConfig, OdometryConfig, Reading, TileIndex, VerdictCounts};
+use echogrid_core::{GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, TileIndex, VerdictCounts};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{MapInfo, Message, TileUpdate, Topic};
 use trajectory::Trajectory;
@@ -22,7 +22,7 @@ pub const OUTPUTS: &[Topic] = &[Topic::MapTiles, Topic::MapInfo, Topic::RangeVer
 /// Changed tiles go out this often, by the sensor's clock.
 const TILES_EVERY_NS: u64 = 500_000_000;
 /// Numbers of the whole map go out this often, by the sensor's clock.
-const INFO_EVERY_NS: u64 = 10_000_000_000;
+const INFO_EVERY_NS: u64 = 2_000_000_000;
 
 #[derive(Debug)]
 struct Scan {
@@ -49,6 +49,7 @@ pub struct MapperService {
     trajectory: Trajectory,
     /// Scans whose poses are not known yet.
     waiting: VecDeque<Scan>,
+    summary: RunningSummary,
     counts: VerdictCounts,
     scans: u64,
     revision: u64,
@@ -70,6 +71,7 @@ impl MapperService {
             mapper: None,
             trajectory: Trajectory::default(),
             waiting: VecDeque::new(),
+            summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
             scans: 0,
             revision: 0,
@@ -112,16 +114,18 @@ impl MapperService {
         if scan.stamp_ns >= self.tiles_due_ns {
             self.tiles_due_ns = scan.stamp_ns.saturating_add(TILES_EVERY_NS);
             self.publish_tiles(out);
-        }
-        if scan.stamp_ns >= self.info_due_ns {
-            self.info_due_ns = scan.stamp_ns.saturating_add(INFO_EVERY_NS);
-            self.publish_info(out, false);
+            // After the tiles: what they changed is what the numbers are about.
+            if scan.stamp_ns >= self.info_due_ns {
+                self.info_due_ns = scan.stamp_ns.saturating_add(INFO_EVERY_NS);
+                self.publish_info(out, false);
+            }
         }
     }
 
     fn publish_tiles(&mut self, out: &mut Outbox) {
         let Some(mapper) = self.mapper.as_mut() else { return };
         let dirty: Vec<TileIndex> = mapper.take_dirty();
+        self.summary.changed(&dirty);
         for index in dirty {
             let Some(tile) = mapper.grid().tile(index) else { continue };
             let update = TileUpdate {
@@ -135,7 +139,7 @@ impl MapperService {
     }
 
     fn publish_info(&mut self, out: &mut Outbox, finished: bool) {
-        let summary = self.mapper.as_ref().map(|mapper| GridSummary::of(mapper.grid())).unwrap_or_default();
+        let summary = self.mapper.as_ref().map(|mapper| self.summary.of(mapper.grid())).unwrap_or_default();
         let info = MapInfo {
             revision: self.revision,
             scans: self.scans,

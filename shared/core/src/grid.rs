@@ -76,6 +76,27 @@ pub struct Tile {
     pub log_odds: Box<[f32; TILE_CELLS]>,
 }
 
+impl Tile {
+    /// Bounds of the known cells of this tile, which is the one at `index`.
+    pub(crate) fn bounds(&self, index: TileIndex) -> Bounds {
+        let first = index.first_cell();
+        let known = |cells: &[f32]| cells.iter().any(|value| !value.is_nan());
+        let rows = || self.log_odds.chunks_exact(TILE_SIDE);
+        let low_row = rows().position(known)?;
+        let high_row = rows().rposition(known)?;
+        let columns = |row: &[f32]| {
+            let low = row.iter().position(|value| !value.is_nan())?;
+            Some((low, row.iter().rposition(|value| !value.is_nan())?))
+        };
+        let (low_column, high_column) = rows().filter_map(columns).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
+        let cell = |column: usize, row: usize| CellIndex {
+            i: first.i.saturating_add(column as i32),
+            j: first.j.saturating_add(row as i32),
+        };
+        Some((cell(low_column, low_row), cell(high_column, high_row)))
+    }
+}
+
 impl Default for Tile {
     fn default() -> Self {
         Self { revision: 0, log_odds: Box::new([UNKNOWN; TILE_CELLS]) }
@@ -146,22 +167,20 @@ impl Grid {
     /// Lowest and highest column and row of the known cells, both included; none if no cell is known.
     #[must_use]
     pub fn bounds(&self) -> Option<(CellIndex, CellIndex)> {
-        let mut bounds: Option<(CellIndex, CellIndex)> = None;
-        for (index, tile) in self.tiles() {
-            let first = index.first_cell();
-            for (offset, value) in tile.log_odds.iter().enumerate() {
-                if value.is_nan() {
-                    continue;
-                }
-                let i = first.i.saturating_add((offset % TILE_SIDE) as i32);
-                let j = first.j.saturating_add((offset / TILE_SIDE) as i32);
-                bounds = Some(bounds.map_or((CellIndex { i, j }, CellIndex { i, j }), |(low, high)| {
-                    (CellIndex { i: low.i.min(i), j: low.j.min(j) }, CellIndex { i: high.i.max(i), j: high.j.max(j) })
-                }));
-            }
-        }
-        bounds
+        self.tiles().fold(None, |bounds, (index, tile)| union(bounds, tile.bounds(index)))
     }
+}
+
+/// Lowest and highest column and row, both included.
+pub(crate) type Bounds = Option<(CellIndex, CellIndex)>;
+
+/// The smallest bounds that hold both.
+pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
+    let (Some((a_low, a_high)), Some((b_low, b_high))) = (a, b) else { return a.or(b) };
+    Some((
+        CellIndex { i: a_low.i.min(b_low.i), j: a_low.j.min(b_low.j) },
+        CellIndex { i: a_high.i.max(b_high.i), j: a_high.j.max(b_high.j) },
+    ))
 }
 
 /// The tiles that changed since somebody last asked: a set, kept in the order of [`TileIndex`].

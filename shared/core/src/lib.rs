@@ -32,5 +32,5 @@ pub use raster::Raster;
 pub use reading::{Echo, Reading};
 pub use robot::{Footprint, Robot, Sensor, SensorKind, Transducer};
 pub use sensor_model::nominal_trust;
-pub use summary::GridSummary;
+pub use summary::{GridSummary, RunningSummary};
 pub use verdict::{Verdict, VerdictCounts};

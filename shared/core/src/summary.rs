@@ -1,6 +1,8 @@
 //! A grid in a few numbers.
 
-use crate::grid::{CellIndex, Grid};
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::grid::{CellIndex, Grid, Tile, TileIndex, union};
 use crate::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, entropy_bits, log_odds_of};
 
 /// How much a grid knows.
@@ -24,22 +26,60 @@ impl GridSummary {
     /// The summary of a grid.
     #[must_use]
     pub fn of(grid: &Grid) -> Self {
+        grid.tiles().map(|(index, tile)| Self::of_tile(index, tile)).fold(Self::default(), Self::and)
+    }
+
+    fn of_tile(index: TileIndex, tile: &Tile) -> Self {
         let (occupied_above, free_below) = (log_odds_of(OCCUPIED_ABOVE), log_odds_of(FREE_BELOW));
-        let mut summary = Self { bounds: grid.bounds(), ..Self::default() };
-        for (_, tile) in grid.tiles() {
-            for log_odds in tile.log_odds.iter().filter(|value| !value.is_nan()).map(|value| f64::from(*value)) {
-                summary.known += 1;
-                if log_odds > occupied_above {
-                    summary.occupied += 1;
-                } else if log_odds < free_below {
-                    summary.free += 1;
-                } else {
-                    summary.undecided += 1;
-                }
-                summary.entropy_bits += entropy_bits(log_odds);
+        let mut summary = Self { bounds: tile.bounds(index), ..Self::default() };
+        for log_odds in tile.log_odds.iter().filter(|value| !value.is_nan()).map(|value| f64::from(*value)) {
+            summary.known += 1;
+            if log_odds > occupied_above {
+                summary.occupied += 1;
+            } else if log_odds < free_below {
+                summary.free += 1;
+            } else {
+                summary.undecided += 1;
             }
+            summary.entropy_bits += entropy_bits(log_odds);
         }
         summary
+    }
+
+    /// The summary of two parts of a grid.
+    fn and(self, other: Self) -> Self {
+        Self {
+            known: self.known + other.known,
+            occupied: self.occupied + other.occupied,
+            free: self.free + other.free,
+            undecided: self.undecided + other.undecided,
+            entropy_bits: self.entropy_bits + other.entropy_bits,
+            bounds: union(self.bounds, other.bounds),
+        }
+    }
+}
+
+/// The summary of a grid that changes: only tiles that did are looked at again.
+#[derive(Debug, Clone, Default)]
+pub struct RunningSummary {
+    tiles: BTreeMap<TileIndex, GridSummary>,
+    stale: BTreeSet<TileIndex>,
+}
+
+impl RunningSummary {
+    /// Takes note of tiles that changed.
+    pub fn changed(&mut self, tiles: &[TileIndex]) {
+        self.stale.extend(tiles);
+    }
+
+    /// The summary of `grid`, if every tile that changed was noted: that of [`GridSummary::of`].
+    pub fn of(&mut self, grid: &Grid) -> GridSummary {
+        while let Some(index) = self.stale.pop_first() {
+            if let Some(tile) = grid.tile(index) {
+                self.tiles.insert(index, GridSummary::of_tile(index, tile));
+            }
+        }
+        self.tiles.values().copied().fold(GridSummary::default(), GridSummary::and)
     }
 }
 
@@ -68,5 +108,18 @@ mod tests {
         assert_eq!(summary.bounds, Some((CellIndex { i: -70, j: 0 }, CellIndex { i: 7, j: 130 })));
         let expected = 2.0 * entropy_bits(2.0) + 1.0 + entropy_bits(0.5);
         assert!((summary.entropy_bits - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_running_summary_is_the_summary() {
+        let mut grid = Grid::new(0.05);
+        let mut running = RunningSummary::default();
+        for (i, j, value) in [(0, 0, 1.0f32), (100, -3, -2.0), (0, 1, 0.1), (100, -3, 0.3), (-500, 900, 4.0)] {
+            let cell = CellIndex { i, j };
+            grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = value;
+            running.changed(&[cell.tile()]);
+            assert_eq!(running.of(&grid), GridSummary::of(&grid));
+        }
+        assert_eq!(running.of(&grid), GridSummary::of(&grid), "asking changes nothing");
     }
 }
