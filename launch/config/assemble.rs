@@ -9,8 +9,8 @@ use toml::{Table, Value};
 use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
-use super::roles;
 use super::service::{Exec, Service, ServiceKind, default_services};
+use super::suggest;
 
 /// Where each key was set.
 pub(crate) type Origins = BTreeMap<String, Origin>;
@@ -110,7 +110,7 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         None => Exec::Builtin(kind.default_builtin()),
         Some(text) => Exec::try_from(text.clone()).map_err(|why| {
             let key = format!("services.{name}.exec");
-            let hint = roles::builtin_hint(&text).map_or_else(String::new, |hint| format!("; {hint}"));
+            let hint = suggest::builtin(&text).map_or_else(String::new, |hint| format!("; {hint}"));
             Problem {
                 origin: origins.get(&key).cloned(),
                 key,

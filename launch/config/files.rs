@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
-use super::roles::builtin_hint;
 use super::service::Exec;
+use super::suggest;
 
 /// Finds every executable (`search_path` is a `PATH`) and looks whether the log is there.
 pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Option<&OsStr>) -> Vec<Problem> {
@@ -52,7 +52,7 @@ fn executable(path: &Path, search_path: Option<&OsStr>) -> Result<PathBuf, Strin
     let folders = || search_path.into_iter().flat_map(std::env::split_paths);
     let candidates = || folders().filter(|folder| folder.is_absolute()).map(|folder| folder.join(path));
     candidates().find(|candidate| check(candidate).is_ok()).ok_or_else(|| {
-        let hint = path.to_str().and_then(builtin_hint);
+        let hint = path.to_str().and_then(suggest::builtin);
         let hint = hint.unwrap_or_else(|| format!("a file beside the graph is \"./{}\"", path.display()));
         format!("no executable of this name in the {} folders of PATH; {hint}", folders().count())
     })

@@ -3,8 +3,7 @@
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
-use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind};
-use super::suggest;
+use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind};
 
 /// Variables by which a service finds its graph.
 const LAUNCHERS_OWN: [&str; 3] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE"];
@@ -72,11 +71,4 @@ fn is_variable(name: &str) -> bool {
     !name.is_empty()
         && !name.starts_with(|c: char| c.is_ascii_digit())
         && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
-}
-
-/// The built-in that was meant by `replay` or `builtin:repaly`.
-pub(crate) fn builtin_hint(text: &str) -> Option<String> {
-    let name = text.strip_prefix(BUILTIN_PREFIX).unwrap_or(text);
-    let near = suggest::nearest(name, Builtin::ALL.into_iter().map(Builtin::name))?;
-    Some(format!("did you mean \"{BUILTIN_PREFIX}{near}\"?"))
 }

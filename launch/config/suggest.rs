@@ -1,5 +1,7 @@
 //! "Did you mean …?"
 
+use super::service::{BUILTIN_PREFIX, Builtin};
+
 /// The candidate nearest to `word`, if one is near.
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // Distances are quadratic in the length: no key or word is nearly that long.
@@ -76,6 +78,13 @@ pub(crate) fn number_in_unit(key: &str, text: &str) -> Option<f64> {
     };
     // Twelve digits: 5 cm is 0.05, not 0.05000000000000001.
     format!("{:.12}", number * factor).parse().ok().filter(|n: &f64| n.is_finite())
+}
+
+/// The built-in that was meant by `replay` or `builtin:repaly`.
+pub(crate) fn builtin(text: &str) -> Option<String> {
+    let name = text.strip_prefix(BUILTIN_PREFIX).unwrap_or(text);
+    let near = nearest(name, Builtin::ALL.into_iter().map(Builtin::name))?;
+    Some(format!("did you mean \"{BUILTIN_PREFIX}{near}\"?"))
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 pub mod control;
 pub mod domain;
 pub mod message;
+pub mod owner;
 pub mod participant;
 pub mod port;
 pub mod topic;
@@ -12,7 +13,8 @@ pub mod wire;
 pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
 pub use message::{Ack, Health, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState, TileUpdate};
-pub use participant::{Owner, Participant, TopicError};
+pub use owner::Owner;
+pub use participant::{Participant, TopicError};
 pub use port::{Input, Output, Received};
 pub use topic::{Delivery, Topic};
 pub use wire::Header;

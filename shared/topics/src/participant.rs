@@ -1,4 +1,4 @@
-//! A process in a domain: its iceoryx2 node, and the services that only the launcher creates.
+//! A process in a domain: its iceoryx2 node, and how it opens topics.
 
 use std::path::Path as StdPath;
 use std::time::{Duration, Instant};
@@ -6,26 +6,18 @@ use std::time::{Duration, Instant};
 use iceoryx2::config::Config;
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{
-    AttributeSpecifier, AttributeVerifier, EventId, FilePath, LogLevel, NodeBuilder, NodeName, SemanticString,
-    ServiceName, SignalHandlingMode, ZeroCopySend, ipc, set_log_level_from_env_or,
+    AttributeVerifier, FilePath, LogLevel, NodeBuilder, NodeName, SemanticString, ServiceName, SignalHandlingMode, ipc,
+    set_log_level_from_env_or,
 };
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 
-use crate::control;
-use crate::domain::{Claim, Domain, DomainError, Membership, check_memory};
-use crate::topic::{Qos, Topic, memory_budget_bytes};
-use crate::wire::{
-    EstimateWire, Header, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire, Wire,
-};
+use crate::domain::{Domain, DomainError, Membership};
+use crate::topic::Topic;
+use crate::wire::{Header, Wire};
 
 /// The event that says "there are new messages".
 pub(crate) const SENT: usize = 0;
-/// A producer appeared, left, died.
-const PRODUCER_EVENTS: [usize; 3] = [1, 2, 3];
-/// Processes per topic, tools included.
-const MAX_NODES: usize = 32;
-const MAX_LISTENERS: usize = 16;
 /// How long a topic may take to appear: the launcher creates all before it starts anyone.
 const OPEN_WITHIN: Duration = Duration::from_secs(2);
 
@@ -114,60 +106,6 @@ impl Participant {
     }
 }
 
-/// The launcher's part: it alone creates topics, so that no worker's death can leave one half made.
-#[derive(Debug)]
-pub struct Owner {
-    // Topics before the node, the node before the claim that wipes the domain.
-    _topics: Vec<Box<dyn core::fmt::Debug>>,
-    participant: Participant,
-    claim: Claim,
-}
-
-impl Owner {
-    /// Claims a domain and creates every topic in it, for scans of at most `max_readings` and a
-    /// graph of these `services`.
-    ///
-    /// # Errors
-    /// The domain is in use, or /dev/shm is too small or refuses.
-    pub fn create(domain: Domain, max_readings: usize, services: &[&str]) -> Result<Self, TopicError> {
-        let claim = domain.claim()?;
-        check_memory(memory_budget_bytes(max_readings, services.len() as u64))?;
-        let participant = Participant::join(claim.domain(), "launcher")?;
-        let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
-        for topic in Topic::ALL {
-            let node = &participant.node;
-            let qos = topic.qos(max_readings);
-            topics.push(match topic {
-                Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
-                Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
-                Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
-                Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
-                Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
-                Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
-                Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
-                Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
-            });
-            topics.push(Box::new(create_bell(node, topic)?));
-        }
-        for service in services {
-            topics.extend(control::create(&participant.node, service)?);
-        }
-        Ok(Self { _topics: topics, participant, claim })
-    }
-
-    /// The launcher as a process of its own domain.
-    #[must_use]
-    pub fn participant(&self) -> &Participant {
-        &self.participant
-    }
-
-    /// The domain.
-    #[must_use]
-    pub fn domain(&self) -> &Domain {
-        self.claim.domain()
-    }
-}
-
 fn make_node(domain: &Domain, name: &str) -> Result<Node<ipc::Service>, TopicError> {
     set_log_level_from_env_or(LogLevel::Fatal);
     let failed = |reason: String| TopicError::Node { domain: domain.name().into(), name: name.into(), reason };
@@ -190,7 +128,7 @@ fn path_bytes(path: &StdPath) -> &[u8] {
     path.as_os_str().as_bytes()
 }
 
-fn service_name(topic: Topic) -> Result<ServiceName, TopicError> {
+pub(crate) fn service_name(topic: Topic) -> Result<ServiceName, TopicError> {
     ServiceName::new(topic.name()).map_err(|e| TopicError::Topic {
         topic: topic.name(),
         what: "naming it",
@@ -198,7 +136,7 @@ fn service_name(topic: Topic) -> Result<ServiceName, TopicError> {
     })
 }
 
-fn attribute_failed(e: impl core::fmt::Debug) -> TopicError {
+pub(crate) fn attribute_failed(e: impl core::fmt::Debug) -> TopicError {
     TopicError::Topic { topic: "schema", what: "setting the attribute", reason: format!("{e:?}") }
 }
 
@@ -206,12 +144,6 @@ fn verifier(schema: &str) -> Result<AttributeVerifier, TopicError> {
     let key = "schema".try_into().map_err(attribute_failed)?;
     let value = schema.try_into().map_err(attribute_failed)?;
     AttributeVerifier::new().require(&key, &value).map_err(attribute_failed)
-}
-
-fn specifier(schema: &str) -> Result<AttributeSpecifier, TopicError> {
-    let key = "schema".try_into().map_err(attribute_failed)?;
-    let value = schema.try_into().map_err(attribute_failed)?;
-    AttributeSpecifier::new().define(&key, &value).map_err(attribute_failed)
 }
 
 /// Opens a topic; waits for one that is still being made.
@@ -239,49 +171,4 @@ fn open<F>(
             Err(e) => return Err(TopicError::Topic { topic: topic.name(), what: "opening it", reason: e.to_string() }),
         }
     }
-}
-
-macro_rules! create {
-    ($node:ident, $topic:ident, $qos:ident, $payload:ty, $schema:expr) => {
-        $node
-            .service_builder(&service_name($topic)?)
-            .publish_subscribe::<$payload>()
-            .user_header::<Header>()
-            .max_nodes(MAX_NODES)
-            .max_publishers($qos.publishers)
-            .max_subscribers($qos.subscribers)
-            .history_size($qos.history)
-            .subscriber_max_buffer_size($qos.buffer)
-            .subscriber_max_borrowed_samples(2)
-            // A stalled consumer must never block a sensor; back-pressure is by acknowledgement.
-            .enable_safe_overflow(true)
-            .create_with_attributes(&specifier($schema)?)
-            .map_err(|e| TopicError::Topic { topic: $topic.name(), what: "creating it", reason: e.to_string() })
-    };
-}
-
-fn create_sized<W: Wire>(node: &Node<ipc::Service>, topic: Topic, qos: Qos) -> Result<Sized<W>, TopicError> {
-    create!(node, topic, qos, W, W::SCHEMA)
-}
-
-fn create_slice<W: Wire + ZeroCopySend>(
-    node: &Node<ipc::Service>,
-    topic: Topic,
-    qos: Qos,
-) -> Result<Slice<W>, TopicError> {
-    create!(node, topic, qos, [W], W::SCHEMA)
-}
-
-fn create_bell(node: &Node<ipc::Service>, topic: Topic) -> Result<Bell, TopicError> {
-    node.service_builder(&service_name(topic)?)
-        .event()
-        .max_nodes(MAX_NODES)
-        .max_notifiers(MAX_LISTENERS)
-        .max_listeners(MAX_LISTENERS)
-        .event_id_max_value(15)
-        .notifier_created_event(EventId::new(PRODUCER_EVENTS[0]))
-        .notifier_dropped_event(EventId::new(PRODUCER_EVENTS[1]))
-        .notifier_dead_event(EventId::new(PRODUCER_EVENTS[2]))
-        .create()
-        .map_err(|e| TopicError::Topic { topic: topic.name(), what: "creating its event", reason: e.to_string() })
 }

@@ -1,0 +1,123 @@
+//! The launcher's part in a domain.
+
+use iceoryx2::node::Node;
+use iceoryx2::prelude::{AttributeSpecifier, EventId, ZeroCopySend, ipc};
+
+use crate::control;
+use crate::domain::{Claim, Domain, check_memory};
+use crate::participant::{Bell, Participant, Sized, Slice, TopicError, attribute_failed, service_name};
+use crate::topic::{Qos, Topic, memory_budget_bytes};
+use crate::wire::{
+    EstimateWire, Header, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire, Wire,
+};
+
+/// A producer appeared, left, died.
+const PRODUCER_EVENTS: [usize; 3] = [1, 2, 3];
+/// Processes per topic, tools included.
+const MAX_NODES: usize = 32;
+const MAX_LISTENERS: usize = 16;
+
+/// The launcher's part: it alone creates topics, so that no worker's death can leave one half made.
+#[derive(Debug)]
+pub struct Owner {
+    // Topics before the node, the node before the claim that wipes the domain.
+    _topics: Vec<Box<dyn core::fmt::Debug>>,
+    participant: Participant,
+    claim: Claim,
+}
+
+impl Owner {
+    /// Claims a domain and creates every topic in it, for scans of at most `max_readings` and a
+    /// graph of these `services`.
+    ///
+    /// # Errors
+    /// The domain is in use, or /dev/shm is too small or refuses.
+    pub fn create(domain: Domain, max_readings: usize, services: &[&str]) -> Result<Self, TopicError> {
+        let claim = domain.claim()?;
+        check_memory(memory_budget_bytes(max_readings, services.len() as u64))?;
+        let participant = Participant::join(claim.domain(), "launcher")?;
+        let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
+        for topic in Topic::ALL {
+            let node = participant.node();
+            let qos = topic.qos(max_readings);
+            topics.push(match topic {
+                Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
+                Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
+                Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
+                Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
+                Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
+                Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
+                Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
+                Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
+            });
+            topics.push(Box::new(create_bell(node, topic)?));
+        }
+        for service in services {
+            topics.extend(control::create(participant.node(), service)?);
+        }
+        Ok(Self { _topics: topics, participant, claim })
+    }
+
+    /// The launcher as a process of its own domain.
+    #[must_use]
+    pub fn participant(&self) -> &Participant {
+        &self.participant
+    }
+
+    /// The domain.
+    #[must_use]
+    pub fn domain(&self) -> &Domain {
+        self.claim.domain()
+    }
+}
+
+fn specifier(schema: &str) -> Result<AttributeSpecifier, TopicError> {
+    let key = "schema".try_into().map_err(attribute_failed)?;
+    let value = schema.try_into().map_err(attribute_failed)?;
+    AttributeSpecifier::new().define(&key, &value).map_err(attribute_failed)
+}
+
+macro_rules! create {
+    ($node:ident, $topic:ident, $qos:ident, $payload:ty, $schema:expr) => {
+        $node
+            .service_builder(&service_name($topic)?)
+            .publish_subscribe::<$payload>()
+            .user_header::<Header>()
+            .max_nodes(MAX_NODES)
+            .max_publishers($qos.publishers)
+            .max_subscribers($qos.subscribers)
+            .history_size($qos.history)
+            .subscriber_max_buffer_size($qos.buffer)
+            .subscriber_max_borrowed_samples(2)
+            // A stalled consumer must never block a sensor; back-pressure is by acknowledgement.
+            .enable_safe_overflow(true)
+            .create_with_attributes(&specifier($schema)?)
+            .map_err(|e| TopicError::Topic { topic: $topic.name(), what: "creating it", reason: e.to_string() })
+    };
+}
+
+fn create_sized<W: Wire>(node: &Node<ipc::Service>, topic: Topic, qos: Qos) -> Result<Sized<W>, TopicError> {
+    create!(node, topic, qos, W, W::SCHEMA)
+}
+
+fn create_slice<W: Wire + ZeroCopySend>(
+    node: &Node<ipc::Service>,
+    topic: Topic,
+    qos: Qos,
+) -> Result<Slice<W>, TopicError> {
+    create!(node, topic, qos, [W], W::SCHEMA)
+}
+
+fn create_bell(node: &Node<ipc::Service>, topic: Topic) -> Result<Bell, TopicError> {
+    node.service_builder(&service_name(topic)?)
+        .event()
+        .max_nodes(MAX_NODES)
+        .max_notifiers(MAX_LISTENERS)
+        .max_listeners(MAX_LISTENERS)
+        .event_id_max_value(15)
+        .notifier_created_event(EventId::new(PRODUCER_EVENTS[0]))
+        .notifier_dropped_event(EventId::new(PRODUCER_EVENTS[1]))
+        .notifier_dead_event(EventId::new(PRODUCER_EVENTS[2]))
+        .create()
+        .map_err(|e| TopicError::Topic { topic: topic.name(), what: "creating its event", reason: e.to_string() })
+}
