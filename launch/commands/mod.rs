@@ -11,6 +11,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use echogrid_service::in_words;
 
 use crate::cli::{Cli, Command};
 use crate::config::LoadRequest;
@@ -42,7 +43,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // Standard error may be closed; nobody is there to hear of that.
-            let _ = writeln!(std::io::stderr(), "echogrid: {error:#}");
+            let _ = writeln!(std::io::stderr(), "echogrid: {}", in_words(&error));
             ExitCode::FAILURE
         }
     }

@@ -78,3 +78,24 @@ pub trait Sensor {
         None
     }
 }
+
+/// An error with its causes in one line; a cause that the line holds already is not said twice.
+#[must_use]
+pub fn in_words(error: &anyhow::Error) -> String {
+    error.chain().fold(String::new(), |line, cause| match cause.to_string() {
+        cause if line.contains(&cause) => line,
+        cause if line.is_empty() => cause,
+        cause => format!("{line}: {cause}"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::anyhow;
+
+    #[test]
+    fn causes_are_said_once() {
+        let error = anyhow!("disk full").context("map.png: disk full").context("saving");
+        assert_eq!(super::in_words(&error), "saving: map.png: disk full");
+    }
+}

@@ -10,7 +10,7 @@ use echogrid_topics::{Message, ServiceState, Topic};
 use crate::pace::Pace;
 use crate::plan::Plan;
 use crate::runtime::{Runtime, Stop};
-use crate::{Input, Outbox, Sensor, Service, logging};
+use crate::{Input, Outbox, Sensor, Service, in_words, logging};
 
 /// Steps between two looks at signals and acknowledgements.
 const BATCH: usize = 64;
@@ -51,18 +51,21 @@ fn start(
     if let Ok(comm) = CString::new(format!("echogrid-{name}")) {
         let _ = nix::sys::prctl::set_name(&comm);
     }
-    let entered = Runtime::enter(name, inputs, outputs);
-    let result = entered.and_then(|mut runtime| {
-        let result = body(&mut runtime);
-        if let Err(error) = &result {
-            runtime.fail(error);
+    let mut runtime = match Runtime::enter(name, inputs, outputs) {
+        Ok(runtime) => runtime,
+        Err(error) => {
+            tracing::error!("{name}: {}", in_words(&error));
+            return ExitCode::FAILURE;
         }
-        result
-    });
-    match result {
+    };
+    match body(&mut runtime) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            tracing::error!("{name}: {error:#}");
+            let error = in_words(&error);
+            // The launcher hears of it and says so; by hand nobody else does.
+            if !runtime.fail(&error) {
+                tracing::error!("{name}: {error}");
+            }
             ExitCode::FAILURE
         }
     }

@@ -13,6 +13,7 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
 
+use crate::in_words;
 use crate::lifeline::Lifeline;
 use crate::outbox::Outbox;
 use crate::plan::{DOMAIN_VARIABLE, Plan, SERVICE_VARIABLE};
@@ -144,10 +145,10 @@ impl Runtime {
         self.publish_health()
     }
 
-    /// Says why the service is about to leave. Errors of saying so are not worth another.
-    pub fn fail(&mut self, error: &anyhow::Error) {
-        self.last_error = format!("{error:#}");
-        let _ = self.set_state(ServiceState::Failed);
+    /// Says why the service is about to leave; whether a launcher hears it.
+    pub fn fail(&mut self, error: &str) -> bool {
+        self.last_error = error.into();
+        self.set_state(ServiceState::Failed).is_ok() && self.lifeline.is_some()
     }
 
     /// Why the service is to end, if it is.
@@ -229,7 +230,7 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn serve(&mut self, mut carry_out: impl FnMut(Command) -> Result<String>) -> Result<()> {
         let Some(control) = &mut self.control else { return Ok(()) };
-        Ok(control.serve(|command| carry_out(command).map_err(|error| format!("{error:#}")))?)
+        Ok(control.serve(|command| carry_out(command).map_err(|error| in_words(&error)))?)
     }
 
     /// Sends what the windows of the consumers have room for, and wakes them.

@@ -131,7 +131,7 @@ impl Topic {
                 }
             }
             Self::MapTiles => {
-                // A late joiner asks for a snapshot; history is not keyed and could not replace it.
+                // Whole tiles, each newer than the last of its place: a history of all would be far larger than the map.
                 Qos { history: 0, buffer: 128, window: 64, element_size: size_of::<TileWire>(), ..stream }
             }
             Self::RobotDescription => Qos { element_size: size_of::<RobotWire>(), ..latest },
