@@ -79,7 +79,8 @@ impl Summary {
         let last_ns = outcome.health.values().map(|health| health.stamp_ns).max().unwrap_or(0);
         let map = outcome.map.clone().unwrap_or_default();
         let extent_m = map.bounds.map_or([0.0; 2], |(low, high)| {
-            [f64::from(high.i - low.i + 1) * resolution_m, f64::from(high.j - low.j + 1) * resolution_m]
+            let side_m = |low: i32, high: i32| (f64::from(high) - f64::from(low) + 1.0) * resolution_m;
+            [side_m(low.i, high.i), side_m(low.j, high.j)]
         });
         let refused = map
             .verdicts
@@ -108,12 +109,17 @@ impl Summary {
             recorded_s: first_ns.map(|first_ns| last_ns.saturating_sub(first_ns) as f64 * 1e-9),
             elapsed_s: outcome.elapsed.as_secs_f64(),
             startup_s: outcome.startup.as_secs_f64(),
-            faulty_messages: outcome.health.values().map(|health| health.faults).sum(),
-            lost_messages: outcome.health.values().map(|health| health.lost).sum(),
+            faulty_messages: sum(outcome.health.values().map(|health| health.faults)),
+            lost_messages: sum(outcome.health.values().map(|health| health.lost)),
             log_faults: Vec::new(),
             files: Vec::new(),
         }
     }
+}
+
+/// What services say of themselves may be anything.
+fn sum(counts: impl Iterator<Item = u64>) -> u64 {
+    counts.fold(0, u64::saturating_add)
 }
 
 fn percent(part: u64, whole: u64) -> f64 {
@@ -152,7 +158,7 @@ impl fmt::Display for Summary {
             self.resolution_m,
             percent(free, known),
             percent(occupied, known),
-            percent(known.saturating_sub(free + occupied), known),
+            percent(known.saturating_sub(free).saturating_sub(occupied), known),
         )?;
         writeln!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
@@ -168,5 +174,45 @@ impl fmt::Display for Summary {
             writeln!(f, "{}{}", if i == 0 { "files     " } else { "          " }, file.display())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echogrid_core::{CellIndex, VerdictCounts};
+    use echogrid_topics::{Health, MapInfo, ServiceState};
+
+    use super::*;
+
+    /// What a faulty process says must not take the launcher down with it.
+    #[test]
+    fn any_numbers_make_a_summary() {
+        let mut verdicts = VerdictCounts::default();
+        Verdict::ALL.into_iter().for_each(|verdict| verdicts.add_many(verdict, u64::MAX));
+        let map = MapInfo {
+            cells_known: u64::MAX,
+            cells_occupied: u64::MAX,
+            cells_free: u64::MAX,
+            bounds: Some((CellIndex { i: i32::MIN, j: i32::MAX }, CellIndex { i: i32::MAX, j: i32::MIN })),
+            verdicts,
+            ..MapInfo::default()
+        };
+        let health = |name: &str| Health {
+            service: name.into(),
+            pid: 0,
+            state: ServiceState::Running,
+            progress: u64::MAX,
+            total: 0,
+            stamp_ns: u64::MAX,
+            faults: u64::MAX,
+            lost: u64::MAX,
+            acks: Vec::new(),
+            last_error: String::new(),
+        };
+        let health = ["a", "b"].map(|name| (name.to_owned(), health(name))).into();
+        let outcome = Outcome { map: Some(map), health, ..Outcome::default() };
+        let summary = Summary::of(&outcome, "sensor".into(), Some(u64::MAX), 0.05);
+        assert_eq!((summary.readings, summary.faulty_messages), (u64::MAX, u64::MAX));
+        assert!(summary.to_string().contains("100 % occupied"), "{summary}");
     }
 }

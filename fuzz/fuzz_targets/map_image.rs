@@ -1,7 +1,7 @@
 //! Any bytes as the image of a map.
 #![no_main]
 
-use echogrid_formats::map::map_server::{MapMode, MapYaml, encode_image, read_image};
+use echogrid_formats::map::map_server::{MapMode, MapYaml, Thresholds, encode_image, read_image};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -19,7 +19,7 @@ fuzz_target!(|bytes: &[u8]| {
     if let Ok(map) = read_image(bytes, &yaml) {
         assert_eq!(map.probability.len(), map.width * map.height);
         assert!(map.probability.iter().all(|p| p.is_nan() || (0.0..=1.0).contains(p)));
-        let image = encode_image(&map, MapMode::Raw).expect("a PGM has no limits");
+        let image = encode_image(&map, MapMode::Raw, Thresholds::default()).expect("a PGM has no limits");
         let raw = MapYaml { mode: MapMode::Raw, ..yaml };
         let back = read_image(&image, &raw).expect("what was written can be read");
         assert!(map.probability.iter().zip(&back.probability).all(|(a, b)| a.is_nan() == b.is_nan()));

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{GridMapper, Robot};
 use echogrid_formats::log::{self, LogSurvey, StampQuality};
-use echogrid_formats::map::Provenance;
+use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_service::Plan;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::MAX_SENSORS;
@@ -40,6 +40,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         plan,
         log_filter: view.log_level.as_deref(),
         log_json: view.log_format == "json",
+        alive_within: Duration::from_secs_f64(config.run.alive_within_s),
     };
     let start = SystemTime::now();
     let mut display = Display::new(view.quiet, view.verbose);
@@ -121,7 +122,7 @@ fn source(config: &Config) -> String {
 
 /// The files that a run wrote which started at `start`; older ones are of another run.
 fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
-    let names = ["map.png", "map.pgm", "map_scale.png", "map.yaml", "map.npy", "map.echogrid"];
+    let names = MapFiles::names(&config.publisher.map_files());
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
     names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }

@@ -18,11 +18,19 @@ pub struct RunConfig {
     pub domain: Domain,
     /// `auto` (what the log says), the name of a built-in robot, or a robot file.
     pub robot: String,
+    /// A service of which nothing is heard for so long hangs, and is killed; seconds.
+    pub alive_within_s: f64,
 }
 
 impl Default for RunConfig {
     fn default() -> Self {
-        Self { rate: Rate::Max, out: PathBuf::from("maps"), domain: Domain::Auto, robot: AUTO.to_owned() }
+        Self {
+            rate: Rate::Max,
+            out: PathBuf::from("maps"),
+            domain: Domain::Auto,
+            robot: AUTO.to_owned(),
+            alive_within_s: 30.0,
+        }
     }
 }
 

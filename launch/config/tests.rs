@@ -105,6 +105,7 @@ fn bad_graph_files() {
     check("[run]\nrate = \"fast\"", &["run.rate = \"fast\": expected \"max\" or a number above 0"]);
     check("[run]\nrate = 0", &["run.rate = 0: expected \"max\" or a number above 0"]);
     check("[run]\nrate = -1.5", &["run.rate = -1.5: expected"]);
+    check("[run]\nalive_within_s = 0.1", &["run.alive_within_s = 0.1: expected a number of seconds, 1 to 3600"]);
     check("[run]\ndomain = \"My Lab\"", &["run.domain = \"My Lab\": expected \"auto\" or a name"]);
     check("[services.sensor]\nargs = [1]", &["services.sensor.args = [1]: expected a list of strings"]);
     check("[services.sensor]\nenv = { A = 1 }", &["services.sensor.env = { … }: expected a table of strings"]);
@@ -123,6 +124,8 @@ fn bad_graph_files() {
     check("[mapper]\nresolution_m = 0", &["g.toml:2: mapper.resolution_m = 0: expected "]);
     check("[mapper]\np_free = 0.7", &["g.toml:2: mapper.p_free = 0.7: expected a probability "]);
     check("[publisher]\nformats = [\"png\", \"png\"]", &["expected each format once"]);
+    check("[publisher]\nformats = []", &["publisher.formats = []: expected at least one of png, pgm, npy, echogrid"]);
+    check("[publisher]\nfree_thresh = 0.649", &["below occupied_thresh, by 0.01 at least"]);
     check(
         "[publisher]\nfree_thresh = 0.9",
         &["publisher.free_thresh = 0.9: expected a probability above 0 and below occ"],

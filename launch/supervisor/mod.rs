@@ -24,13 +24,11 @@ use crate::config::{Service, ServiceKind};
 
 /// From start to the first sign of life.
 const READY_WITHIN: Duration = Duration::from_secs(30);
-/// From one sign of life to the next. Writing a large map to a slow disk is one step.
-const ALIVE_WITHIN: Duration = Duration::from_secs(30);
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
-/// Likewise when a service failed: those upstream of it wait in vain.
-const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(2);
-/// From the sensor's exit until the odometry has heard that the stream ended.
+/// Likewise when a service failed, for those downstream of it.
+const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
+/// From the sensor's exit until its readers have heard that the streams ended.
 const END_WITHIN: Duration = Duration::from_secs(5);
 /// Between the last request and the kill.
 const LAST_WORDS: Duration = Duration::from_secs(1);
@@ -50,6 +48,8 @@ pub struct Graph<'a> {
     pub log_filter: Option<&'a str>,
     /// Whether they log as JSON.
     pub log_json: bool,
+    /// From one sign of life to the next. Writing a large map to a slow disk is one step.
+    pub alive_within: Duration,
 }
 
 /// How the run is doing.
@@ -149,8 +149,10 @@ pub fn run(graph: &Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
         info,
         lines,
         started: Instant::now(),
+        alive_within: graph.alive_within,
         ready: None,
         ending: None,
+        failed: None,
         sensor_gone_since: None,
         outcome: Outcome::default(),
         _owner: owner,
@@ -177,8 +179,11 @@ struct Supervisor {
     info: Input,
     lines: Receiver<Line>,
     started: Instant,
+    alive_within: Duration,
     ready: Option<Instant>,
     ending: Option<Ending>,
+    /// The service farthest upstream that failed.
+    failed: Option<ServiceKind>,
     sensor_gone_since: Option<Instant>,
     outcome: Outcome,
     _owner: Owner,
@@ -208,7 +213,8 @@ impl Supervisor {
                 observer.event(&Event::Ready);
             }
             self.reap(observer)?;
-            self.check_deadlines();
+            self.check_deadlines(observer);
+            self.wind_down();
             self.show(observer);
         }
         Ok(())
@@ -245,6 +251,27 @@ impl Supervisor {
             process.ask_to_stop();
         }
         self.ending.get_or_insert(Ending { deadline: Instant::now() + within, pressed: 0 });
+    }
+
+    /// A service of this kind is no more, and nobody downstream will hear the end of its streams.
+    fn end_after_failure(&mut self, kind: ServiceKind) {
+        self.failed = Some(self.failed.map_or(kind, |failed| failed.min(kind)));
+        self.end(LEAVE_AFTER_FAILURE);
+    }
+
+    /// After a failure those downstream save what they have. They are asked one after the other: who
+    /// is asked has heard the last of whoever was before it.
+    fn wind_down(&mut self) {
+        let Some(failed) = self.failed else { return };
+        let downstream = self.processes.iter().filter(|process| process.is_alive() && process.kind > failed);
+        if let Some(next) = downstream.map(|process| process.kind).min() {
+            for process in self.processes.iter_mut().filter(|process| process.kind == next && process.asked == 0) {
+                process.ask_to_stop();
+            }
+        } else if let Some(ending) = self.ending.as_mut().filter(|ending| ending.pressed == 0) {
+            // Those upstream wait in vain for the one that failed.
+            ending.deadline = ending.deadline.min(Instant::now() + LAST_WORDS);
+        }
     }
 
     fn take_messages(&mut self) -> Result<()> {
@@ -285,32 +312,23 @@ impl Supervisor {
             if self.ending.as_ref().is_none_or(|ending| ending.pressed == 0) {
                 self.outcome.failures.push(format!("{name}: {end}"));
             }
-            // Those downstream will hear no end of the stream: they save what they have.
-            for process in self.processes.iter_mut().filter(|process| process.kind > kind) {
-                if process.asked == 0 {
-                    process.ask_to_stop();
-                }
-            }
-            self.end(LEAVE_AFTER_FAILURE);
+            self.end_after_failure(kind);
         }
         Ok(())
     }
 
-    fn check_deadlines(&mut self) {
+    fn check_deadlines(&mut self, observer: &mut dyn Observer) {
         let now = Instant::now();
         for process in self.processes.iter_mut().filter(|process| process.is_alive()) {
             let (limit, what) =
-                if process.is_ready() { (ALIVE_WITHIN, "no sign of life") } else { (READY_WITHIN, "not ready") };
+                if process.is_ready() { (self.alive_within, "no sign of life") } else { (READY_WITHIN, "not ready") };
             if now.saturating_duration_since(process.silent_since()) > limit {
                 let name = process.name.clone();
                 self.outcome.failures.push(format!("{name}: {what} for {} s: it hangs", limit.as_secs()));
-                // Reaped in the next round, and handled like any other death.
                 process.kill();
+                observer.event(&Event::Ended { name: &process.name, how: process.end() });
                 let kind = process.kind;
-                for other in self.processes.iter_mut().filter(|process| process.kind > kind) {
-                    other.ask_to_stop();
-                }
-                self.end(LEAVE_AFTER_FAILURE);
+                self.end_after_failure(kind);
                 break;
             }
         }
@@ -332,17 +350,21 @@ impl Supervisor {
     /// A sensor that left without ending its streams leaves the others waiting.
     fn check_for_a_missing_end(&mut self, now: Instant) {
         let sensor_gone = self.processes.iter().any(|p| p.kind == ServiceKind::Sensor && p.succeeded());
+        let odometry_gone = self.processes.iter().any(|p| p.kind == ServiceKind::Odometry && p.succeeded());
         let waiting = |p: &Process| {
-            p.kind == ServiceKind::Odometry && p.health.as_ref().is_some_and(|h| h.state == ServiceState::Running)
+            let waits_for_sensor = match p.kind {
+                ServiceKind::Odometry => true,
+                // All poses have come; what may be missing is the end of the scans.
+                ServiceKind::Mapper => odometry_gone,
+                ServiceKind::Sensor | ServiceKind::Publisher => false,
+            };
+            waits_for_sensor && p.health.as_ref().is_some_and(|h| h.state == ServiceState::Running)
         };
         if !sensor_gone || self.ending.is_some() || !self.processes.iter().any(|p| p.is_alive() && waiting(p)) {
             self.sensor_gone_since = None;
         } else if now.saturating_duration_since(*self.sensor_gone_since.get_or_insert(now)) > END_WITHIN {
             self.outcome.failures.push("sensor: left without saying that its streams end".into());
-            for process in &mut self.processes {
-                process.ask_to_stop();
-            }
-            self.end(LEAVE_AFTER_FAILURE);
+            self.end_after_failure(ServiceKind::Sensor);
         }
     }
 

@@ -1,5 +1,7 @@
 //! A log in, a map out; the same log, the same map.
 
+use std::collections::BTreeSet;
+use std::path::PathBuf;
 use std::process::Command;
 
 use echogrid_core::{CellIndex, Pose2};
@@ -29,6 +31,18 @@ fn a_drive_becomes_a_map_and_every_reading_is_accounted_for() {
     for file in ["map.png", "map.pgm", "map.yaml", "map.npy", "map.echogrid"] {
         assert!(drive.out("maps").join(file).exists(), "{file}");
     }
+}
+
+#[test]
+fn only_the_chosen_files_are_written_and_listed() {
+    let drive = Drive::new(3.0);
+    let summary = summary(&drive.map("maps", &["--json", "--quiet", "--set", "publisher.formats=[\"npy\"]"]));
+    let listed = summary["files"].as_array().unwrap().iter().map(|file| file.as_str().unwrap().into()).collect();
+    let files = |folder: &str| -> BTreeSet<PathBuf> {
+        std::fs::read_dir(drive.out(folder)).unwrap().map(|entry| entry.unwrap().path()).collect()
+    };
+    assert_eq!(files("maps"), ["map.npy", "map.yaml"].map(|name| drive.out("maps").join(name)).into());
+    assert_eq!(files("maps"), listed);
 }
 
 #[test]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::super::robot::FILE_ENDING;
 use super::super::run::RunConfig;
 use super::super::service::ServiceKind;
-use super::{Section, Text, defaults, key, probe, text, words};
+use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
 pub(crate) static GRAPH: &[&Section] = &[&RUN, &REPLAY, &ODOMETRY, &MAPPER, &PUBLISHER];
@@ -37,6 +37,12 @@ static RUN: Section = Section {
             Text::MaybePath(FILE_ENDING),
             "\"auto\", the name of a built-in robot or a robot file",
             "a built-in robot, a robot file, or \"auto\": what the log says",
+        ),
+        number(
+            "alive_within_s",
+            "a number of seconds, 1 to 3600",
+            1.0..=3600.0,
+            "seconds without a sign of life after which a service is killed; saving to a slow disk gives none",
         ),
     ],
     probe: probe::<RunConfig>,
@@ -133,8 +139,12 @@ static PUBLISHER: Section = Section {
             "one of trinary, scale, raw",
             "what the grey levels of the PGM mean: trinary, scale or raw",
         ),
-        key("occupied_thresh", "a probability", "a cell is occupied above this probability"),
-        key("free_thresh", "a probability", "a cell is free below this probability"),
+        key("occupied_thresh", "a probability", "a cell of map.pgm is occupied above this probability"),
+        key(
+            "free_thresh",
+            "a probability",
+            "a cell of map.pgm is free below this probability; between the two it is unknown",
+        ),
         key("draw_path", "true or false", "whether the picture shows where the robot went"),
     ],
     probe: probe::<PublisherConfig>,

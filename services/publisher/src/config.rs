@@ -1,42 +1,18 @@
 //! `[publisher]`: which files are written, and how they look.
 
 use echogrid_core::config::ConfigError;
+use echogrid_formats::map::map_server::{MapMode, Thresholds};
+use echogrid_formats::map::{MapFileOptions, MapFormat};
 use serde::{Deserialize, Serialize};
-
-/// A file that a map is saved to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Format {
-    /// A picture for people.
-    Png,
-    /// PGM and YAML, as `map_server` writes and reads them.
-    Pgm,
-    /// The probabilities as a NumPy array.
-    Npy,
-    /// The native map: evidence, counts and where they came from.
-    Echogrid,
-}
-
-/// What the grey levels of a PGM mean (`mode` of its YAML).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PgmMode {
-    /// Occupied, free or unknown.
-    Trinary,
-    /// Shades between free and occupied, unknown apart.
-    Scale,
-    /// The grey level is the probability in percent, 255 is unknown.
-    Raw,
-}
 
 /// `[publisher]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PublisherConfig {
     /// The files that are written.
-    pub formats: Vec<Format>,
+    pub formats: Vec<MapFormat>,
     /// What the grey levels of the PGM mean.
-    pub pgm_mode: PgmMode,
+    pub pgm_mode: MapMode,
     /// A cell is occupied above this probability.
     pub occupied_thresh: f64,
     /// A cell is free below this probability.
@@ -47,13 +23,9 @@ pub struct PublisherConfig {
 
 impl Default for PublisherConfig {
     fn default() -> Self {
-        Self {
-            formats: vec![Format::Png, Format::Pgm, Format::Npy, Format::Echogrid],
-            pgm_mode: PgmMode::Trinary,
-            occupied_thresh: 0.65,
-            free_thresh: 0.25,
-            draw_path: true,
-        }
+        let MapFileOptions { formats, mode, thresholds, draw_path } = MapFileOptions::default();
+        let Thresholds { occupied, free } = thresholds;
+        Self { formats, pgm_mode: mode, occupied_thresh: occupied, free_thresh: free, draw_path }
     }
 }
 
@@ -68,19 +40,35 @@ impl PublisherConfig {
         seen.dedup();
         let in_unit = |p: f64| p > 0.0 && p < 1.0;
         let refuse = |key, value: String, expected| Err(ConfigError { key, value, expected });
+        if self.formats.is_empty() {
+            return refuse("formats", "[]".into(), "at least one of png, pgm, npy, echogrid");
+        }
         if seen.len() != self.formats.len() {
             return refuse("formats", format!("{:?}", self.formats), "each format once");
         }
         if !in_unit(self.occupied_thresh) {
             return refuse("occupied_thresh", self.occupied_thresh.to_string(), "a probability between 0 and 1");
         }
-        if !(in_unit(self.free_thresh) && self.free_thresh < self.occupied_thresh) {
+        // Nearer to each other they leave no grey level that a reader would take for unknown.
+        let below_occupied = self.free_thresh <= self.occupied_thresh - Thresholds::APART_MIN;
+        if !(in_unit(self.free_thresh) && below_occupied) {
             return refuse(
                 "free_thresh",
                 self.free_thresh.to_string(),
-                "a probability above 0 and below occupied_thresh",
+                "a probability above 0 and below occupied_thresh, by 0.01 at least",
             );
         }
         Ok(())
+    }
+
+    /// What it says, for those who write the files.
+    #[must_use]
+    pub fn map_files(&self) -> MapFileOptions {
+        MapFileOptions {
+            formats: self.formats.clone(),
+            mode: self.pgm_mode,
+            thresholds: Thresholds { occupied: self.occupied_thresh, free: self.free_thresh },
+            draw_path: self.draw_path,
+        }
     }
 }

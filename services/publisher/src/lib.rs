@@ -6,10 +6,9 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, ensure};
-use config::{PgmMode, PublisherConfig};
+use config::PublisherConfig;
 use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
-use echogrid_formats::map::map_server::MapMode;
-use echogrid_formats::map::{MapDocument, MapFileOptions, MapFiles, PathPoint, Provenance};
+use echogrid_formats::map::{MapDocument, MapFiles, PathPoint, Provenance};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
@@ -87,14 +86,7 @@ impl PublisherService {
         let mut path = self.path.clone();
         path.extend(self.latest);
         let document = MapDocument { grid: grid.clone(), path, provenance: self.provenance.clone() };
-        let options = MapFileOptions {
-            mode: match self.config.pgm_mode {
-                PgmMode::Trinary => MapMode::Trinary,
-                PgmMode::Scale => MapMode::Scale,
-                PgmMode::Raw => MapMode::Raw,
-            },
-        };
-        self.written = MapFiles::write_all(&self.out, &document, &options)?;
+        self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
         Ok(())
     }
 }

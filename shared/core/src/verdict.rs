@@ -106,7 +106,8 @@ impl VerdictCounts {
 
     /// `count` more readings with this verdict.
     pub fn add_many(&mut self, verdict: Verdict, count: u64) {
-        self.counts[verdict as usize] += count;
+        let slot = &mut self.counts[verdict as usize];
+        *slot = slot.saturating_add(count);
     }
 
     /// All those of `other` too.
@@ -125,7 +126,7 @@ impl VerdictCounts {
     /// How many readings in all.
     #[must_use]
     pub fn total(&self) -> u64 {
-        self.counts.iter().sum()
+        self.counts.iter().fold(0, |sum, count| sum.saturating_add(*count))
     }
 
     /// Each verdict with its count, in the order of the codes, zeros included.

@@ -17,13 +17,13 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
+use crate::WriteError;
 use crate::log::carmen::CarmenWriter;
 use crate::log::{self, KNOWN_FORMATS, LogError};
-use crate::map::map_server::{self, MapMode};
+use crate::map::map_server::{self, MapMode, Thresholds};
 use crate::map::{MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
 use crate::whole_file::{WholeFile, write_whole};
-use crate::{WriteError, map::map_server::MapYaml};
 
 /// What a conversion did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -184,7 +184,7 @@ fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<Conver
             report.written.push(output.to_path_buf());
         }
         "png" => {
-            write_whole(output, &picture::encode(&document)?)?;
+            write_whole(output, &picture::encode(&document, true)?)?;
             report.written.push(output.to_path_buf());
             report.lost.push("a picture has no scale: resolution and origin are not in it".into());
         }
@@ -218,15 +218,12 @@ fn write_occupancy(
     if extension == "npy" {
         write_whole(output, &npy::encode(map))?;
         let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let yaml: MapYaml = map_server::yaml(map, MapMode::Trinary, name);
-        let text =
-            format!("# Resolution and origin of a NumPy array of probabilities; no image for map_server.\n{yaml}");
-        write_whole(&yaml_path, text.as_bytes())?;
+        map_server::write_array_yaml(&yaml_path, map, Thresholds::default(), name)?;
         report.written.extend([output.to_path_buf(), yaml_path]);
         return Ok(());
     }
     report.lost.push("probabilities: a cell is occupied, free or unknown (mode trinary)".into());
-    report.written.extend(map_server::write(folder, &stem, map, MapMode::Trinary)?);
+    report.written.extend(map_server::write(folder, &stem, map, MapMode::Trinary, Thresholds::default())?);
     Ok(())
 }
 

@@ -14,6 +14,9 @@ use crate::{Input, Outbox, Sensor, Service, in_words, logging};
 
 /// Steps between two looks at signals and acknowledgements.
 const BATCH: usize = 64;
+/// A service that is asked to stop takes in what it was sent before; not for longer than this, as
+/// there may be no end of it.
+const CATCH_UP_WITHIN: Duration = Duration::from_millis(500);
 /// Something always ends a wait earlier.
 const LONG: Duration = Duration::from_secs(60);
 
@@ -94,8 +97,28 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
         patience = if steps == 0 { LONG } else { Duration::ZERO };
     }
     runtime.set_state(ServiceState::Draining)?;
+    catch_up(runtime, service, &mut out)?;
     service.step(Input::Finish, &mut out)?;
     drain(runtime, &mut out)
+}
+
+/// Asked to stop, a service still takes what has come in by then: its producer may be gone, and
+/// what is in the ports would be gone with it.
+fn catch_up(runtime: &mut Runtime, service: &mut impl Service, out: &mut Outbox) -> Result<()> {
+    let deadline = Instant::now() + CATCH_UP_WITHIN;
+    let mut patience = Duration::ZERO;
+    while runtime.stop() == Some(Stop::Asked) && Instant::now() < deadline {
+        runtime.attend(patience)?;
+        runtime.flush(out)?;
+        if !out.is_empty() {
+            patience = deadline.saturating_duration_since(Instant::now());
+            continue;
+        }
+        let Some((header, message)) = runtime.take()? else { break };
+        service.step(Input::Message { sequence: header.sequence, stamp_ns: header.stamp_ns, message }, out)?;
+        patience = Duration::ZERO;
+    }
+    Ok(())
 }
 
 fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {

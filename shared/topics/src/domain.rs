@@ -100,11 +100,20 @@ impl Domain {
         Ok(Self { name: name.into(), base: PathBuf::from(format!("{SHM}/echogrid-{uid}")), uid })
     }
 
-    /// A domain that no other running process has.
+    /// A domain in which no launcher runs, named after this process. (Containers may share shared
+    /// memory and not process numbers.)
     #[must_use]
     pub fn unique() -> Self {
         let uid = Uid::current().as_raw();
-        Self { name: format!("run-{}", std::process::id()), base: PathBuf::from(format!("{SHM}/echogrid-{uid}")), uid }
+        let base = PathBuf::from(format!("{SHM}/echogrid-{uid}"));
+        let pid = std::process::id();
+        let mut domain = Self { name: format!("run-{pid}"), base, uid };
+        let mut more = 1;
+        while is_owned(&domain) {
+            more += 1;
+            domain.name = format!("run-{pid}-{more}");
+        }
+        domain
     }
 
     /// Its name.
@@ -276,7 +285,7 @@ fn known() -> Vec<Domain> {
 }
 
 fn is_owned(domain: &Domain) -> bool {
-    matches!(lock(&domain.owner_lock(), FlockArg::LockExclusiveNonblock), Ok(None))
+    domain.owner_lock().exists() && matches!(lock(&domain.owner_lock(), FlockArg::LockExclusiveNonblock), Ok(None))
 }
 
 /// Wipes every other domain of this user that no process holds any more.
@@ -374,6 +383,15 @@ mod tests {
         let claim = other.claim().unwrap();
         assert!(!stray.exists() && !domain.dir().exists());
         drop(claim);
+    }
+
+    #[test]
+    fn a_unique_domain_is_another_while_it_is_in_use() {
+        let first = Domain::unique();
+        let claim = first.clone().claim().unwrap();
+        assert_ne!(Domain::unique(), first);
+        drop(claim);
+        assert_eq!(Domain::unique(), first);
     }
 
     #[test]

@@ -2,16 +2,56 @@
 
 use std::path::{Path, PathBuf};
 
-use super::map_server::{self, MapMode};
+use serde::{Deserialize, Serialize};
+
+use super::map_server::{self, MapMode, Thresholds};
 use super::{MapDocument, MapError, OccupancyMap, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::write_whole;
 
-/// How the files of a map are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// A file that a map is saved to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum MapFormat {
+    /// A picture for people.
+    Png,
+    /// An image and a YAML, as map_server writes and reads them.
+    Pgm,
+    /// The probabilities as a NumPy array, and a YAML that says where they lie.
+    Npy,
+    /// The native map: evidence, path and where they came from.
+    Echogrid,
+}
+
+impl MapFormat {
+    /// Every format.
+    pub const ALL: [Self; 4] = [Self::Png, Self::Pgm, Self::Npy, Self::Echogrid];
+}
+
+/// Which files of a map are written, and how.
+#[derive(Debug, Clone, PartialEq)]
 pub struct MapFileOptions {
+    /// The files that are written.
+    pub formats: Vec<MapFormat>,
     /// How the map_server image is written; in mode `scale` it is `map_scale.png`, not `map.pgm`.
     pub mode: MapMode,
+    /// What the YAML says, and which cells of a trinary image are occupied or free.
+    pub thresholds: Thresholds,
+    /// Whether the picture shows where the robot went; where it is now, it always shows.
+    pub draw_path: bool,
+}
+
+impl Default for MapFileOptions {
+    fn default() -> Self {
+        let formats = MapFormat::ALL.to_vec();
+        Self { formats, mode: MapMode::default(), thresholds: Thresholds::default(), draw_path: true }
+    }
+}
+
+impl MapFileOptions {
+    fn has(&self, format: MapFormat) -> bool {
+        self.formats.contains(&format)
+    }
 }
 
 /// The files of a map: `map.echogrid`, `map.png`, `map.pgm`, `map.yaml`, `map.npy`.
@@ -19,8 +59,22 @@ pub struct MapFileOptions {
 pub struct MapFiles;
 
 impl MapFiles {
-    /// Writes all files into a folder, which is made if it is not there; each file whole or not at
-    /// all, the native map first. The paths written.
+    /// The names of the files that [`MapFiles::write_all`] writes, in its order.
+    #[must_use]
+    pub fn names(options: &MapFileOptions) -> Vec<String> {
+        let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
+        let names = [
+            (options.has(MapFormat::Echogrid), "map.echogrid".to_owned()),
+            (options.has(MapFormat::Png), "map.png".to_owned()),
+            (pgm, map_server::image_name("map", options.mode)),
+            (pgm || npy, "map.yaml".to_owned()),
+            (npy, "map.npy".to_owned()),
+        ];
+        names.into_iter().filter(|(chosen, _)| *chosen).map(|(_, name)| name).collect()
+    }
+
+    /// Writes the chosen files into a folder, which is made if it is not there; each file whole or
+    /// not at all, the native map first. The paths written.
     ///
     /// # Errors
     /// When a file can't be written; those written before it are there then. When the known cells
@@ -36,15 +90,25 @@ impl MapFiles {
             source,
         })?;
         let file = |name: &str| folder.join(name);
-        let mut written = vec![file("map.echogrid")];
-        native::write(&file("map.echogrid"), document)?;
-        write_whole(&file("map.png"), &picture::encode(document)?)?;
-        written.push(file("map.png"));
-        let map = OccupancyMap::of(&document.grid)?;
-        written.extend(map_server::write(folder, "map", &map, options.mode)?);
-        write_whole(&file("map.npy"), &npy::encode(&map))?;
-        written.push(file("map.npy"));
-        Ok(written)
+        if options.has(MapFormat::Echogrid) {
+            native::write(&file("map.echogrid"), document)?;
+        }
+        if options.has(MapFormat::Png) {
+            write_whole(&file("map.png"), &picture::encode(document, options.draw_path)?)?;
+        }
+        let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
+        if pgm || npy {
+            let map = OccupancyMap::of(&document.grid)?;
+            if pgm {
+                map_server::write(folder, "map", &map, options.mode, options.thresholds)?;
+            } else {
+                map_server::write_array_yaml(&file("map.yaml"), &map, options.thresholds, "map.npy".into())?;
+            }
+            if npy {
+                write_whole(&file("map.npy"), &npy::encode(&map))?;
+            }
+        }
+        Ok(Self::names(options).iter().map(|name| file(name)).collect())
     }
 }
 
@@ -55,12 +119,16 @@ mod tests {
     use super::*;
     use crate::map::Provenance;
 
-    #[test]
-    fn all_files_are_there_and_the_same_each_time() {
+    fn document() -> MapDocument {
         let mut grid = Grid::new(0.05);
         let cell = CellIndex { i: 5, j: -70 };
         grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 2.0;
-        let document = MapDocument { grid, path: Vec::new(), provenance: Provenance::default() };
+        MapDocument { grid, path: Vec::new(), provenance: Provenance::default() }
+    }
+
+    #[test]
+    fn all_files_are_there_and_the_same_each_time() {
+        let document = document();
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("new/maps");
         let files = MapFiles::write_all(&target, &document, &MapFileOptions::default()).unwrap();
@@ -73,10 +141,57 @@ mod tests {
         assert_eq!(std::fs::read_dir(&target).unwrap().count(), 5);
         let (yaml, map) = map_server::read(&files[3]).unwrap();
         assert_eq!((yaml.origin, map.width), ([0.25, -3.5, 0.0], 1));
-        let scale = MapFileOptions { mode: MapMode::Scale };
+        let scale = MapFileOptions { mode: MapMode::Scale, ..MapFileOptions::default() };
         let files = MapFiles::write_all(&target, &document, &scale).unwrap();
         assert!(files[2].ends_with("map_scale.png"));
         assert!((map_server::read(&files[3]).unwrap().1.probability[0] - 0.88).abs() < 0.003);
+    }
+
+    #[test]
+    fn what_is_not_chosen_is_not_written() {
+        let check = |formats: &[MapFormat], expected: &[&str]| {
+            let folder = tempfile::tempdir().unwrap();
+            let options = MapFileOptions { formats: formats.to_vec(), ..MapFileOptions::default() };
+            let mut files = MapFiles::write_all(folder.path(), &document(), &options).unwrap();
+            assert_eq!(files, expected.iter().map(|name| folder.path().join(name)).collect::<Vec<_>>());
+            let mut there: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path()).collect();
+            files.sort();
+            there.sort();
+            assert_eq!(there, files);
+        };
+        check(&[MapFormat::Png], &["map.png"]);
+        check(&[MapFormat::Pgm], &["map.pgm", "map.yaml"]);
+        check(&[MapFormat::Npy], &["map.yaml", "map.npy"]);
+        check(&[MapFormat::Npy, MapFormat::Pgm], &["map.pgm", "map.yaml", "map.npy"]);
+        check(&[MapFormat::Echogrid], &["map.echogrid"]);
+    }
+
+    #[test]
+    fn an_array_alone_has_its_geometry_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = MapFileOptions { formats: vec![MapFormat::Npy], ..MapFileOptions::default() };
+        MapFiles::write_all(folder.path(), &document(), &options).unwrap();
+        let text = std::fs::read_to_string(folder.path().join("map.yaml")).unwrap();
+        let yaml = map_server::MapYaml::parse(&text).unwrap();
+        assert_eq!((yaml.image.as_str(), yaml.resolution_m, yaml.origin), ("map.npy", 0.05, [0.25, -3.5, 0.0]));
+    }
+
+    #[test]
+    fn thresholds_decide_and_are_told() {
+        // The one cell has log-odds 2: p = 0.88.
+        let check = |occupied: f64, free: f64, expected: Option<f32>| {
+            let folder = tempfile::tempdir().unwrap();
+            let thresholds = Thresholds { occupied, free };
+            let options = MapFileOptions { formats: vec![MapFormat::Pgm], thresholds, ..MapFileOptions::default() };
+            MapFiles::write_all(folder.path(), &document(), &options).unwrap();
+            let (yaml, map) = map_server::read(&folder.path().join("map.yaml")).unwrap();
+            assert_eq!((yaml.occupied_thresh, yaml.free_thresh), (occupied, free));
+            assert_eq!(map.probability_at(0, 0), expected, "{thresholds:?}");
+        };
+        check(0.65, 0.196, Some(1.0));
+        check(0.95, 0.196, None);
+        check(0.95, 0.25, None);
+        check(0.95, 0.9, Some(0.0));
     }
 
     #[test]

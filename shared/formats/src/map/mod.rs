@@ -7,7 +7,7 @@
 //! | `map.pgm` + `map.yaml` | occupancy for ROS's map_server and Nav2 | [`map_server`] |
 //! | `map.npy` | probabilities for NumPy | [`npy`] |
 //!
-//! [`MapFiles::write_all`] writes them all. Every file is written whole or not at all: whatever
+//! [`MapFiles::write_all`] writes those that are chosen. Every file is written whole or not at all: whatever
 //! stood at its path stays intact until the new one is complete and stored. Unknown cells stay
 //! unknown in all of them. Coordinates are those of the map frame, which for a map made of a log is
 //! the log's own odometry frame.
@@ -23,5 +23,5 @@ pub mod picture;
 
 pub use document::{MapDocument, PathPoint, Provenance};
 pub use error::MapError;
-pub use files::{MapFileOptions, MapFiles};
+pub use files::{MapFileOptions, MapFiles, MapFormat};
 pub use occupancy::OccupancyMap;

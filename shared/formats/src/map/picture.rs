@@ -26,14 +26,16 @@ const DOT_EVERY_M: f64 = 0.25;
 const DOT_RADIUS_M: f64 = 0.03;
 const ROBOT_RADIUS_M: f64 = 0.2;
 
-/// The map as a PNG file's bytes. The same map gives the same bytes.
+/// The map as a PNG file's bytes, with or without the path; the robot's last position is always
+/// there. The same map gives the same bytes.
 ///
 /// # Errors
 /// When the known cells lie too far apart for a picture.
-pub fn encode(document: &MapDocument) -> Result<Vec<u8>, MapError> {
+pub fn encode(document: &MapDocument, draw_path: bool) -> Result<Vec<u8>, MapError> {
     let mut canvas = Canvas::of(&raster_of(&document.grid)?);
     let mut last_dot: Option<Pose2> = None;
-    for point in document.path.iter().map(|point| point.pose).filter(|pose| pose.is_finite()) {
+    let path = if draw_path { document.path.as_slice() } else { &[] };
+    for point in path.iter().map(|point| point.pose).filter(|pose| pose.is_finite()) {
         if last_dot.is_none_or(|dot| dot.distance_m(point) >= DOT_EVERY_M) {
             canvas.disc(point, DOT_RADIUS_M, 1.3, PATH);
             last_dot = Some(point);
@@ -140,7 +142,7 @@ mod tests {
 
     #[test]
     fn top_left_is_highest_y_and_lowest_x() {
-        let png = encode(&document()).unwrap();
+        let png = encode(&document(), true).unwrap();
         let picture = image::load_from_memory(&png).unwrap().to_rgb8();
         assert_eq!(picture.dimensions(), (128, 64));
         assert_eq!(picture.get_pixel(0, 0).0, [128; 3]);
@@ -152,7 +154,19 @@ mod tests {
 
     #[test]
     fn the_same_map_gives_the_same_bytes() {
-        assert_eq!(encode(&document()).unwrap(), encode(&document()).unwrap());
+        assert_eq!(encode(&document(), true).unwrap(), encode(&document(), true).unwrap());
+    }
+
+    #[test]
+    fn the_path_may_be_left_out_but_not_the_robot() {
+        let mut document = document();
+        document.path.truncate(2);
+        let has = |draw_path: bool, colour: [u8; 3]| {
+            let picture = image::load_from_memory(&encode(&document, draw_path).unwrap()).unwrap().to_rgb8();
+            picture.pixels().any(|pixel| pixel.0 == colour)
+        };
+        assert!(has(true, PATH) && has(true, ROBOT));
+        assert!(!has(false, PATH) && has(false, ROBOT));
     }
 
     #[test]

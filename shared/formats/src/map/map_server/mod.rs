@@ -5,9 +5,9 @@
 //!
 //! | mode | read as | written as |
 //! |---|---|---|
-//! | `trinary` | above `occupied_thresh` occupied (1), below `free_thresh` free (0), else unknown | PGM: 0 occupied, 254 free, 205 unknown, with thresholds 0.65 and 0.196, between which 205 lies |
-//! | `scale` | not opaque: unknown; else a probability, linear between the thresholds | PNG with transparent unknown cells, with thresholds 0 and 1: a PGM can't say unknown in this mode |
-//! | `raw` | level 0 to 100: percent; else unknown | PGM: 0 to 100, 255 unknown |
+//! | `trinary` | above `occupied_thresh` occupied (1), below `free_thresh` free (0), else unknown | PGM: 0 occupied, 254 free, 205 unknown; with other [`Thresholds`] than the usual another level may stand for unknown, one that lies between them |
+//! | `scale` | not opaque: unknown; else a probability, linear between the thresholds | PNG with transparent unknown cells, always with thresholds 0 and 1: a PGM can't say unknown in this mode |
+//! | `raw` | level 0 to 100: percent; else unknown | PGM: 0 to 100, 255 unknown; the thresholds are written, but no reader of this mode asks them |
 //!
 //! So unknown stays unknown in every mode. `trinary` (the default, which every reader knows) loses
 //! the probability: a known cell between the thresholds becomes unknown. `raw` and `scale` keep it
@@ -18,8 +18,8 @@ mod write;
 mod yaml;
 
 pub use read::{read, read_image};
-pub(crate) use write::yaml;
-pub use write::{encode_image, write};
+pub use write::{Thresholds, encode_image, write};
+pub(crate) use write::{image_name, write_array_yaml};
 pub use yaml::{MapMode, MapYaml, YamlError};
 
 /// Longest side of an image, pixels.

@@ -84,6 +84,7 @@ fn occupancy(Rgba([red, green, blue, alpha]): Rgba<u8>, has_alpha: bool, yaml: &
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::Thresholds;
     use super::super::write::{encode_image, yaml};
     use super::*;
 
@@ -92,16 +93,18 @@ mod tests {
         OccupancyMap { width, height, resolution_m: 0.1, map_from_corner: Pose2::new(-1.0, 2.0, 0.0), probability }
     }
 
-    fn there_and_back(map: &OccupancyMap, mode: MapMode) -> OccupancyMap {
-        let yaml = MapYaml::parse(&yaml(map, mode, "map.pgm".into()).to_string()).unwrap();
-        read_image(&encode_image(map, mode).unwrap(), &yaml).unwrap()
+    const USUAL: Thresholds = Thresholds { occupied: 0.65, free: 0.196 };
+
+    fn there_and_back(map: &OccupancyMap, mode: MapMode, thresholds: Thresholds) -> OccupancyMap {
+        let yaml = MapYaml::parse(&yaml(map, mode, thresholds, "map.pgm".into()).to_string()).unwrap();
+        read_image(&encode_image(map, mode, thresholds).unwrap(), &yaml).unwrap()
     }
 
     #[test]
     fn rows_keep_their_place() {
         let map = map(vec![0.0, 1.0, f32::NAN, 0.0, 1.0, 1.0], 2);
         for mode in [MapMode::Trinary, MapMode::Scale, MapMode::Raw] {
-            let back = there_and_back(&map, mode);
+            let back = there_and_back(&map, mode, USUAL);
             assert_eq!((back.width, back.height), (2, 3));
             assert_eq!((back.probability_at(1, 0), back.probability_at(0, 1)), (Some(1.0), None));
             assert_eq!(back.map_from_corner, map.map_from_corner);
@@ -110,7 +113,7 @@ mod tests {
 
     #[test]
     fn others_205_is_unknown_or_free_as_their_thresholds_say() {
-        let mut yaml = yaml(&map(vec![0.5], 1), MapMode::Trinary, "a.pgm".into());
+        let mut yaml = yaml(&map(vec![0.5], 1), MapMode::Trinary, USUAL, "a.pgm".into());
         let image = b"P5\n1 1\n255\n\xcd";
         assert_eq!(read_image(image, &yaml).unwrap().probability_at(0, 0), None);
         yaml.free_thresh = 0.25;
@@ -119,7 +122,7 @@ mod tests {
 
     #[test]
     fn colours_are_averaged_and_may_be_negated() {
-        let mut yaml = yaml(&map(vec![0.5], 1), MapMode::Scale, "a.ppm".into());
+        let mut yaml = yaml(&map(vec![0.5], 1), MapMode::Scale, USUAL, "a.ppm".into());
         let image = b"P6\n1 1\n255\n\xff\x00\x00";
         let p = read_image(image, &yaml).unwrap().probability[0];
         assert!((p - 2.0 / 3.0).abs() < 1e-6);
@@ -129,7 +132,7 @@ mod tests {
 
     #[test]
     fn no_image_no_map() {
-        let yaml = yaml(&map(vec![0.5], 1), MapMode::Trinary, "a.pgm".into());
+        let yaml = yaml(&map(vec![0.5], 1), MapMode::Trinary, USUAL, "a.pgm".into());
         for bytes in [b"".as_slice(), b"P5", b"GIF89a", b"P5\n999999999 999999999\n255\n", b"P5\n2 2\n255\n\x00"] {
             assert!(read_image(bytes, &yaml).is_err());
         }
@@ -139,16 +142,25 @@ mod tests {
         #[test]
         fn unknown_and_only_unknown_comes_back_as_unknown(
             cells in prop::collection::vec(prop::option::weighted(0.7, 0.0_f32..=1.0), 1..40),
+            free in 0.001..0.98, apart in 0.0..1.0_f64,
         ) {
             let map = map(cells.iter().map(|p| p.unwrap_or(f32::NAN)).collect(), cells.len());
             for (mode, tolerance) in [(MapMode::Scale, 0.002), (MapMode::Raw, 0.005001)] {
-                for (before, after) in map.probability.iter().zip(there_and_back(&map, mode).probability) {
+                for (before, after) in map.probability.iter().zip(there_and_back(&map, mode, USUAL).probability) {
                     prop_assert!((before.is_nan() && after.is_nan()) || (before - after).abs() <= tolerance);
                 }
             }
-            for (before, after) in map.probability.iter().zip(there_and_back(&map, MapMode::Trinary).probability) {
-                let expected = if *before > 0.65 { 1.0 } else if f64::from(*before) < 0.196 { 0.0 } else { f32::NAN };
-                prop_assert!(after == expected || (after.is_nan() && expected.is_nan()));
+            let occupied = free + Thresholds::APART_MIN + apart * (0.999 - free - Thresholds::APART_MIN);
+            for thresholds in [USUAL, Thresholds { occupied, free }] {
+                let back = there_and_back(&map, MapMode::Trinary, thresholds);
+                for (before, after) in map.probability.iter().zip(back.probability) {
+                    let expected = match f64::from(*before) {
+                        p if p > thresholds.occupied => 1.0,
+                        p if p < thresholds.free => 0.0,
+                        _ => f32::NAN,
+                    };
+                    prop_assert!(after == expected || (after.is_nan() && expected.is_nan()), "{thresholds:?}");
+                }
             }
         }
     }
