@@ -73,6 +73,26 @@ pub enum Command {
         /// The format is that of its ending: .log .log.gz .png .pgm .yaml .npy .echogrid
         output: PathBuf,
     },
+    /// Tells how good a map is, against the world that it shows.
+    Score {
+        /// Native map, map.echogrid.
+        map: PathBuf,
+        /// The world: .toml, .map (MobileSim) or .yaml (map_server).
+        #[arg(long, value_name = "FILE")]
+        world: PathBuf,
+        /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
+        #[arg(long, value_name = "LOG")]
+        path: Option<PathBuf>,
+        /// Takes the points of a MobileSim world for walls, too.
+        #[arg(long)]
+        points: bool,
+        /// Prints the figures as JSON.
+        #[arg(long)]
+        json: bool,
+        /// Saves a picture of where the map is right (green), wrong (red, orange) and undecided (grey).
+        #[arg(long, value_name = "FILE.png")]
+        picture: Option<PathBuf>,
+    },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
         /// replay, odometry, mapper or publisher.

@@ -30,8 +30,5 @@ fuzz_target!(|bytes: &[u8]| {
         }
     }
     assert_eq!(last_ns, survey.last_stamp_ns);
-    assert_eq!(
-        (odometry, scans, true_poses),
-        (survey.odometry_count, survey.scan_count, survey.true_pose_count)
-    );
+    assert_eq!((odometry, scans, true_poses), (survey.odometry_count, survey.scan_count, survey.true_pose_count));
 });

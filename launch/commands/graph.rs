@@ -1,6 +1,5 @@
 //! `echogrid map` and `echogrid up`: a graph from its start to its summary.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -76,8 +75,7 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;
     }
     let of_robot = robot.map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
-    let log = survey.map(|_| config.replay.log.as_path());
-    let provenance = provenance(config, log, survey)?;
+    let provenance = provenance(config, survey)?;
     let mut table = config.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     Ok(Plan {
@@ -95,13 +93,11 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
 ///
 /// # Errors
 /// The configuration can't be written as TOML.
-pub fn provenance(config: &Config, log: Option<&Path>, survey: Option<&LogSurvey>) -> Result<Provenance> {
+pub fn provenance(config: &Config, survey: Option<&LogSurvey>) -> Result<Provenance> {
     Ok(Provenance {
         software: concat!("echogrid ", env!("CARGO_PKG_VERSION")).into(),
-        log_name: log.and_then(|log| Some(log.file_name()?.to_string_lossy().into_owned())),
         log_sha256: survey.map(|survey| survey.sha256.clone()),
         config_toml: config.provenance_toml(survey.map(|survey| &survey.robot))?,
-        notes: BTreeMap::new(),
     })
 }
 

@@ -3,6 +3,7 @@
 mod check;
 mod demo;
 mod graph;
+mod score;
 mod service;
 mod talk;
 
@@ -36,6 +37,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Save { domain }) => talk::save(domain.as_deref()),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output }) => convert(&input, &output),
+        Some(Command::Score { map, world, path, points, json, picture }) => {
+            score::run(&score::Request { map, world, path, points, json, picture })
+        }
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),
     };

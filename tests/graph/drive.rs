@@ -3,8 +3,10 @@
 //! drive that it maps when told nothing.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use echogrid_core::{Pose2, Robot, wrap_angle};
+use echogrid_formats::world;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -19,41 +21,16 @@ const TURN_RATE_RADPS: f64 = 0.6;
 const SPECULAR_LIMIT_RAD: f64 = 0.6;
 const NO_ECHO_M: f64 = 5.0;
 
+/// The office floor.
+pub(crate) const OFFICE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/worlds/office.toml");
+
 /// A wall between two points, metres.
 type Wall = [f64; 4];
 
 /// Walls of the floor: 22 × 12 m, a corridor of 2 m along its middle, rooms with doors on both sides.
 fn office() -> Vec<Wall> {
-    let mut walls = vec![
-        [0.0, 0.0, 22.0, 0.0],
-        [22.0, 0.0, 22.0, 12.0],
-        [22.0, 12.0, 0.0, 12.0],
-        [0.0, 12.0, 0.0, 0.0],
-        // Between the rooms.
-        [6.0, 0.0, 6.0, 5.0],
-        [14.0, 0.0, 14.0, 5.0],
-        [8.0, 7.0, 8.0, 12.0],
-        [15.0, 7.0, 15.0, 12.0],
-    ];
-    // The corridor's walls, with a door of 1.2 m in each room.
-    for (y, doors) in [(5.0, [3.0, 10.0, 18.0]), (7.0, [4.0, 11.5, 18.5])] {
-        let mut from = 0.0;
-        for door in doors {
-            walls.push([from, y, door - 0.6, y]);
-            from = door + 0.6;
-        }
-        walls.push([from, y, 22.0, y]);
-    }
-    // A cupboard and a table.
-    for [x, y, width, height] in [[0.2, 1.0, 0.6, 2.0], [17.0, 9.5, 1.6, 0.8]] {
-        walls.extend([
-            [x, y, x + width, y],
-            [x + width, y, x + width, y + height],
-            [x + width, y + height, x, y + height],
-            [x, y + height, x, y],
-        ]);
-    }
-    walls
+    let world = world::read(Path::new(OFFICE)).unwrap();
+    world.parts().walls.iter().map(|wall| [wall.from[0], wall.from[1], wall.to[0], wall.to[1]]).collect()
 }
 
 /// Where the robot drives: corridor, and into the rooms.

@@ -7,6 +7,7 @@ mod drive;
 mod failure;
 mod maps;
 mod real_logs;
+mod score;
 mod sensors;
 mod shutdown;
 mod support;

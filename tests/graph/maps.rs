@@ -96,7 +96,7 @@ fn the_same_steps_in_one_process_give_the_same_bytes() {
 pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path) -> Vec<u8> {
     let config = echogrid::config::Config::default();
     let surveyed = log::survey(log).unwrap();
-    let provenance = echogrid::commands::provenance(&config, Some(log), Some(&surveyed)).unwrap();
+    let provenance = echogrid::commands::provenance(&config, Some(&surveyed)).unwrap();
     let mut sensor = Replay::new(&ReplayConfig { log: log.into() }, None).unwrap();
     let mut odometry = OdometryService::new(&config.odometry, config.mapper.resolution_m).unwrap();
     let mut mapper = MapperService::new(&config.mapper, &config.odometry).unwrap();

@@ -5,16 +5,21 @@
 //!
 //! [`map`] writes maps as pictures, for ROS's map_server, for NumPy and whole, and reads them back.
 //!
+//! [`world`] reads worlds: what maps are judged by.
+//!
 //! [`convert`] goes from one format to another.
 //!
 //! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
 //! file holds, reading it ends with values or with an error that names the file; memory stays
 //! bounded and nothing panics.
 
+mod bounded;
 pub mod convert;
 pub mod log;
 pub mod map;
 mod near;
 mod whole_file;
+pub mod world;
 
+pub(crate) use bounded::read_at_most;
 pub use whole_file::WriteError;

@@ -1,7 +1,5 @@
 //! A map with the way it was made.
 
-use std::collections::BTreeMap;
-
 use echogrid_core::{Grid, Pose2};
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +25,8 @@ pub struct PathPoint {
     pub trust: f64,
 }
 
-/// Where a map comes from. There is no date in it: the same log gives the same bytes.
+/// Where a map comes from. There is no date and no file name in it: the same
+/// log gives the same bytes.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -35,10 +34,6 @@ pub struct Provenance {
     pub software: String,
     /// SHA-256 of the log, hexadecimal; none for a map made of live readings.
     pub log_sha256: Option<String>,
-    /// The log's file name, without its folder; none for a map made of live readings.
-    pub log_name: Option<String>,
     /// The configuration in effect, as TOML.
     pub config_toml: String,
-    /// Whatever else should stay with the map, by name.
-    pub notes: BTreeMap<String, String>,
 }

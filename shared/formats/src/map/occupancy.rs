@@ -5,7 +5,7 @@ use echogrid_core::{Grid, Pose2, Raster, TILE_SIDE};
 use super::MapError;
 
 /// Most cells of a rectangle.
-const CELLS_MAX: u64 = 1 << 28;
+pub(crate) const CELLS_MAX: u64 = 1 << 28;
 
 /// A rectangle of occupancy probabilities.
 #[derive(Debug, Clone)]

@@ -8,20 +8,25 @@ use image::{ImageFormat, ImageReader, Limits, Rgba};
 
 use super::{MapMode, MapYaml, SIDE_MAX};
 use crate::map::{MapError, OccupancyMap};
+use crate::read_at_most;
 
 /// Memory that an image may take, bytes.
 const ALLOCATION_MAX: u64 = 1 << 31;
+/// Longest file of an image, bytes.
+const IMAGE_BYTES_MAX: u64 = 1 << 30;
+/// Longest YAML that is read, bytes; [`MapYaml::parse`] takes less.
+const YAML_BYTES_MAX: u64 = 1 << 20;
 
 /// Reads the map that a YAML file names.
 ///
 /// # Errors
 /// When the YAML or the image can't be read, or is wrong.
 pub fn read(yaml_path: &Path) -> Result<(MapYaml, OccupancyMap), MapError> {
-    let bytes = std::fs::read(yaml_path).map_err(|source| MapError::read(yaml_path, source))?;
+    let bytes = read_at_most(yaml_path, YAML_BYTES_MAX).map_err(|source| MapError::read(yaml_path, source))?;
     let yaml = MapYaml::parse(&String::from_utf8_lossy(&bytes))
         .map_err(|source| MapError::Yaml { path: yaml_path.to_path_buf(), source })?;
     let image_path = yaml_path.parent().unwrap_or(Path::new("")).join(&yaml.image);
-    let image = std::fs::read(&image_path).map_err(|source| MapError::read(&image_path, source))?;
+    let image = read_at_most(&image_path, IMAGE_BYTES_MAX).map_err(|source| MapError::read(&image_path, source))?;
     let map = read_image(&image, &yaml).map_err(|what| MapError::Image { path: image_path, what })?;
     Ok((yaml, map))
 }

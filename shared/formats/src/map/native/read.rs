@@ -263,9 +263,7 @@ mod tests {
         let provenance = Provenance {
             software: "echogrid 0".into(),
             log_sha256: Some("ab".into()),
-            log_name: None,
-            config_toml: "[mapper]\nresolution_m = 0.05\n".into(),
-            notes: [("a".into(), "ü\n".into())].into(),
+            config_toml: "[mapper]\nresolution_m = 0.05 # ü\n".into(),
         };
         MapDocument { grid, path: points.iter().map(point).collect(), provenance }
     }

@@ -1,0 +1,15 @@
+//! Any text as a MobileSim world: what is read makes a world, or says why not.
+#![no_main]
+
+use echogrid_core::World;
+use echogrid_formats::world::mobilesim;
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|text: &str| {
+    if let Ok(parts) = mobilesim::parse(text)
+        && let Ok(world) = World::new(parts)
+    {
+        let [[x, y], _] = world.bounds_m();
+        let _ = world.cast([x, y], 1.0, 10.0);
+    }
+});

@@ -1,0 +1,149 @@
+//! `echogrid score`.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use echogrid_core::quality::{Quality, TrueCell, Truth};
+use echogrid_core::{Pose2, World};
+use echogrid_formats::log::{self, LogEvent};
+use echogrid_formats::map::{MapDocument, native, picture};
+use echogrid_formats::world;
+use serde::Serialize;
+
+/// What is judged, and by what.
+pub(super) struct Request {
+    pub(super) map: PathBuf,
+    pub(super) world: PathBuf,
+    pub(super) path: Option<PathBuf>,
+    pub(super) points: bool,
+    pub(super) json: bool,
+    pub(super) picture: Option<PathBuf>,
+}
+
+/// What it came to.
+#[derive(Debug, Serialize)]
+struct Score<'a> {
+    map: &'a Path,
+    world: &'a Path,
+    /// The log of the true path; none: the map's own path was taken for true.
+    path: Option<&'a Path>,
+    /// Poses of that path.
+    poses: usize,
+    /// Points of the world that were not taken for walls.
+    points_left_out: usize,
+    /// Cells of walls that count.
+    cells_occupied: u64,
+    /// Free cells that count.
+    cells_free: u64,
+    #[serde(flatten)]
+    quality: Quality,
+    picture: Option<&'a Path>,
+}
+
+/// Judges a map.
+pub(super) fn run(request: &Request) -> Result<()> {
+    let document = native::read(&request.map)?;
+    let world = world::read(&request.world)?;
+    let (world, points_left_out) = if request.points { (world, 0) } else { walls_only(world)? };
+    let path = match &request.path {
+        Some(log) => true_path(log)?,
+        None => own_path(&document, &request.map)?,
+    };
+    let failed = || format!("{} in {}", request.map.display(), request.world.display());
+    let truth = Truth::of(&world, &path, &document.grid).with_context(failed)?;
+    let quality = Quality::against(&document.grid, &truth).with_context(failed)?;
+    if let Some(file) = &request.picture {
+        picture::write_judged(file, &document.grid, &truth, &path)?;
+    }
+    let count = |kind| truth.cells().filter(|(_, is)| *is == kind).count() as u64;
+    let score = Score {
+        map: &request.map,
+        world: &request.world,
+        path: request.path.as_deref(),
+        poses: path.len(),
+        points_left_out,
+        cells_occupied: count(TrueCell::Wall),
+        cells_free: count(TrueCell::Free),
+        quality,
+        picture: request.picture.as_deref(),
+    };
+    super::print(&if request.json {
+        format!("{}\n", serde_json::to_string_pretty(&score).context("the figures as JSON")?)
+    } else {
+        score.to_string()
+    })
+}
+
+/// The world without its points, if it has walls: the points of a MobileSim world are what a laser once measured of
+/// them, off by centimetres, with people and furniture among them.
+fn walls_only(world: World) -> Result<(World, usize)> {
+    let mut parts = world.parts().clone();
+    if parts.points.is_empty() || (parts.walls.is_empty() && parts.solid.is_none()) {
+        return Ok((world, 0));
+    }
+    let left_out = core::mem::take(&mut parts.points).len();
+    Ok((World::new(parts)?, left_out))
+}
+
+/// Where the robot really was.
+fn true_path(log: &Path) -> Result<Vec<Pose2>> {
+    let survey = log::survey(log)?;
+    ensure!(
+        survey.true_pose_count > 0,
+        "{}: no true pose in it; expected a log with TRUEPOS lines (without --path, the map's own path is taken for true)",
+        log.display()
+    );
+    let mut path = Vec::new();
+    for event in log::open(log, &survey)? {
+        if let LogEvent::TruePose { map_from_base, .. } = event? {
+            path.push(map_from_base);
+        }
+    }
+    Ok(path)
+}
+
+fn own_path(document: &MapDocument, map: &Path) -> Result<Vec<Pose2>> {
+    ensure!(
+        !document.path.is_empty(),
+        "{}: no path in it; expected --path LOG, a log with TRUEPOS lines",
+        map.display()
+    );
+    Ok(document.path.iter().map(|point| point.pose).collect())
+}
+
+impl fmt::Display for Score<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |path: &Path| path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+        let left_out = self.points_left_out;
+        let Quality { bits, bits_occupied, bits_free, .. } = self.quality;
+        write!(f, "{} in {}, ", name(self.map), name(self.world))?;
+        match self.path {
+            Some(log) => writeln!(f, "along the true path of {} ({} poses)", name(log), self.poses)?,
+            None => writeln!(f, "along the map's own path, taken for true ({} poses)", self.poses)?,
+        }
+        writeln!(
+            f,
+            "bits         {bits:.3} per cell: {bits_occupied:.3} of walls, {bits_free:.3} of free cells (1: knows nothing; 0: perfect)"
+        )?;
+        writeln!(f, "calibration  {:.3} between what was said and what is", self.quality.calibration_error)?;
+        writeln!(
+            f,
+            "decided      {:.1} % of {} cells that count, {:.1} % wrong",
+            100.0 * self.quality.decided,
+            self.cells_occupied + self.cells_free,
+            100.0 * self.quality.decided_wrong
+        )?;
+        writeln!(
+            f,
+            "walls        {:.1} % of {} cells found within 10 cm; {:.1} % of the map's are real",
+            100.0 * self.quality.wall_recall_10cm,
+            self.cells_occupied,
+            100.0 * self.quality.wall_precision_10cm
+        )?;
+        if left_out > 0 {
+            writeln!(f, "world        {left_out} points not taken for walls (--points takes them)")?;
+        }
+        self.picture.map_or(Ok(()), |picture| writeln!(f, "picture      {}", picture.display()))
+    }
+}

@@ -1,0 +1,383 @@
+//! A world that is known: walls to look at, and places to be. What a map is judged by, and what a simulated robot hears.
+//!
+//! A world has no time and no robot: it answers where a ray ends ([`World::cast`]) and whether one point sees another
+//! ([`World::sees`]). The answer is that of testing every surface, found by testing the few on the way.
+
+mod buckets;
+mod solid;
+mod surface;
+
+pub(crate) use buckets::columns_of_rows;
+use buckets::{Buckets, Walk};
+pub use solid::Solid;
+pub use surface::Segment;
+use surface::Surface;
+
+use crate::pose::Pose2;
+
+/// Coordinates lie within ± this, metres: no building is longer.
+pub const COORDINATE_MAX_M: f64 = 1e5;
+/// A world has at most so many walls and points.
+pub const SURFACES_MAX: usize = 1 << 22;
+
+/// What a world is made of. Coordinates are metres in the map frame.
+#[derive(Debug, Clone, Default)]
+pub struct WorldParts {
+    /// Walls, seen from both sides.
+    pub walls: Vec<Segment>,
+    /// Things too small for a wall; each is a disc of `point_radius_m`.
+    pub points: Vec<[f64; 2]>,
+    /// Radius of a point, metres.
+    pub point_radius_m: f64,
+    /// What is solid all through.
+    pub solid: Option<Solid>,
+    /// Places with a name.
+    pub places: Places,
+}
+
+/// Places of a world that have a meaning for a robot.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Places {
+    /// Where a robot starts.
+    pub home: Option<Pose2>,
+    /// Where it may be sent.
+    pub goals: Vec<Goal>,
+    /// Lines that it must not cross, though nothing is there to see.
+    pub forbidden: Vec<Segment>,
+}
+
+/// A place to go to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Goal {
+    /// Its name.
+    pub name: String,
+    /// Where it is.
+    pub pose: Pose2,
+    /// Whether the heading of `pose` is part of it.
+    pub has_heading: bool,
+}
+
+/// Why parts make no world.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum WorldError {
+    /// There is nothing to see.
+    #[error("there is no wall in it; expected at least one wall, point or occupied pixel")]
+    Empty,
+    /// A number that no place in a building has.
+    #[error("{what} is {value}; expected {expected}")]
+    Value {
+        /// Which part, counted from 1.
+        what: String,
+        /// What was given.
+        value: f64,
+        /// What would have been right.
+        expected: &'static str,
+    },
+    /// More surfaces than a world may have.
+    #[error("{count} walls and points; expected at most {SURFACES_MAX}")]
+    TooMany {
+        /// How many there are, at least.
+        count: usize,
+    },
+}
+
+/// Where a ray ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RayHit {
+    /// From the origin, metres.
+    pub distance_m: f64,
+    /// Between the ray and the surface's normal, radians: 0 head-on, π/2 grazing. A point answers head-on to all sides.
+    pub incidence_rad: f64,
+}
+
+/// A known world.
+#[derive(Debug, Clone)]
+pub struct World {
+    parts: WorldParts,
+    /// Walls, outlines of what is solid, points.
+    surfaces: Vec<Surface>,
+    buckets: Buckets,
+}
+
+impl World {
+    /// A world of these parts. (A wall of no length is kept as a point.)
+    ///
+    /// # Errors
+    /// When there is nothing to see, too much of it, or a coordinate that no building has.
+    pub fn new(parts: WorldParts) -> Result<Self, WorldError> {
+        validate(&parts)?;
+        let outlines = parts.solid.as_ref().map(|solid| solid.outline(SURFACES_MAX)).unwrap_or_default();
+        let count = parts.walls.len() + parts.points.len() + outlines.len();
+        if count > SURFACES_MAX {
+            return Err(WorldError::TooMany { count });
+        }
+        let radius_m = parts.point_radius_m;
+        let wall = |segment: &Segment| match segment {
+            Segment { from, to } if from == to => Surface::Point { centre: *from, radius_m },
+            segment => Surface::Wall(*segment),
+        };
+        let point = |centre: &[f64; 2]| Surface::Point { centre: *centre, radius_m };
+        let surfaces: Vec<Surface> =
+            parts.walls.iter().chain(&outlines).map(wall).chain(parts.points.iter().map(point)).collect();
+        if surfaces.is_empty() {
+            return Err(WorldError::Empty);
+        }
+        let buckets = Buckets::of(&surfaces);
+        Ok(Self { parts, surfaces, buckets })
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub fn parts(&self) -> &WorldParts {
+        &self.parts
+    }
+
+    /// Every surface that is a line: walls, and the outlines of what is solid.
+    pub fn lines(&self) -> impl Iterator<Item = Segment> {
+        self.surfaces.iter().filter_map(|surface| match surface {
+            Surface::Wall(segment) => Some(*segment),
+            Surface::Point { .. } => None,
+        })
+    }
+
+    /// Every surface that is a point.
+    pub fn points(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.surfaces.iter().filter_map(|surface| match surface {
+            Surface::Wall(_) => None,
+            Surface::Point { centre, .. } => Some(*centre),
+        })
+    }
+
+    /// Lowest and highest x and y of all there is to see, metres.
+    #[must_use]
+    pub fn bounds_m(&self) -> [[f64; 2]; 2] {
+        self.buckets.bounds_m()
+    }
+
+    /// Where a ray from `origin` first meets a surface, if it does within `max_m`. Nothing is met from an origin that is
+    /// not finite.
+    ///
+    /// Neighbouring walls are tight: no ray leaks through the corner that they share.
+    #[must_use]
+    pub fn cast(&self, origin: [f64; 2], direction_rad: f64, max_m: f64) -> Option<RayHit> {
+        let (sin, cos) = libm::sincos(direction_rad);
+        self.cast_along(origin, [cos, sin], max_m)
+    }
+
+    /// Whether nothing stands on the straight line between two points.
+    #[must_use]
+    pub fn sees(&self, from: [f64; 2], to: [f64; 2]) -> bool {
+        let along = [to[0] - from[0], to[1] - from[1]];
+        let length = libm::hypot(along[0], along[1]);
+        length == 0.0 || self.cast_along(from, [along[0] / length, along[1] / length], length).is_none()
+    }
+
+    fn cast_along(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<RayHit> {
+        let mut walk = Walk::new(&self.buckets, origin, direction, max_m)?;
+        let mut nearest: Option<(f64, u32)> = None;
+        while let Some((bucket, leaves_at_m)) = walk.next() {
+            for index in self.buckets.surfaces(bucket) {
+                let Some(surface) = self.surfaces.get(*index as usize) else { continue };
+                nearest = nearer(nearest, surface.distance_m(origin, direction), *index);
+            }
+            // What lies in later buckets is farther away.
+            if nearest.is_some_and(|(distance, _)| distance <= leaves_at_m) {
+                break;
+            }
+        }
+        self.hit(nearest.filter(|(distance, _)| *distance <= max_m)?, direction)
+    }
+
+    fn hit(&self, (distance_m, index): (f64, u32), direction: [f64; 2]) -> Option<RayHit> {
+        let incidence_rad = self.surfaces.get(index as usize)?.incidence_rad(direction);
+        Some(RayHit { distance_m, incidence_rad })
+    }
+}
+
+/// The nearer of two hits; of equals the surface that comes first.
+fn nearer(nearest: Option<(f64, u32)>, distance_m: Option<f64>, index: u32) -> Option<(f64, u32)> {
+    match (nearest, distance_m) {
+        (Some(old), Some(distance)) if (distance, index) < old => Some((distance, index)),
+        (None, Some(distance)) => Some((distance, index)),
+        _ => nearest,
+    }
+}
+
+fn validate(parts: &WorldParts) -> Result<(), WorldError> {
+    const COORDINATE: &str = "metres within ± 100000";
+    let coordinate = |value: f64, what: &dyn Fn() -> String| {
+        if value.abs() <= COORDINATE_MAX_M {
+            return Ok(());
+        }
+        Err(WorldError::Value { what: what(), value, expected: COORDINATE })
+    };
+    let segment = |segment: &Segment, what: &dyn Fn() -> String| {
+        segment.from.into_iter().chain(segment.to).try_for_each(|value| coordinate(value, what))
+    };
+    for (index, wall) in parts.walls.iter().enumerate() {
+        segment(wall, &|| format!("a coordinate of wall {}", index + 1))?;
+    }
+    for (index, point) in parts.points.iter().enumerate() {
+        point.iter().try_for_each(|value| coordinate(*value, &|| format!("a coordinate of point {}", index + 1)))?;
+    }
+    for (index, line) in parts.places.forbidden.iter().enumerate() {
+        segment(line, &|| format!("a coordinate of forbidden line {}", index + 1))?;
+    }
+    let goals = parts.places.goals.iter().map(|goal| (goal.pose, goal.name.as_str()));
+    for (pose, name) in parts.places.home.iter().map(|home| (*home, "home")).chain(goals) {
+        [pose.x, pose.y].into_iter().try_for_each(|value| coordinate(value, &|| format!("a coordinate of {name}")))?;
+        if !pose.theta.is_finite() {
+            let what = format!("the heading of {name}");
+            return Err(WorldError::Value { what, value: pose.theta, expected: "a finite number" });
+        }
+    }
+    if !(0.0..=1.0).contains(&parts.point_radius_m) {
+        let what = "the radius of the points".to_owned();
+        return Err(WorldError::Value { what, value: parts.point_radius_m, expected: "metres from 0 to 1" });
+    }
+    if let Some(solid) = &parts.solid {
+        for corner in solid.corners() {
+            corner.into_iter().try_for_each(|value| coordinate(value, &|| "a corner of the bitmap".to_owned()))?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn wall(x1: f64, y1: f64, x2: f64, y2: f64) -> Segment {
+        Segment { from: [x1, y1], to: [x2, y2] }
+    }
+
+    fn room() -> World {
+        let corners = [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]];
+        let walls = (0..4).map(|i| Segment { from: corners[i], to: corners[(i + 1) % 4] }).collect();
+        World::new(WorldParts { walls, ..WorldParts::default() }).unwrap()
+    }
+
+    /// Every surface tested.
+    fn brute_force(world: &World, origin: [f64; 2], direction_rad: f64, max_m: f64) -> Option<RayHit> {
+        let (sin, cos) = libm::sincos(direction_rad);
+        let mut nearest = None;
+        for (index, surface) in world.surfaces.iter().enumerate() {
+            nearest = nearer(nearest, surface.distance_m(origin, [cos, sin]), index as u32);
+        }
+        world.hit(nearest.filter(|(distance, _)| *distance <= max_m)?, [cos, sin])
+    }
+
+    #[test]
+    fn known_rays() {
+        let check = |direction: f64, max_m: f64, expected: Option<(f64, f64)>| {
+            let hit = room().cast([1.0, 1.0], direction, max_m);
+            assert_eq!(hit.is_some(), expected.is_some(), "{direction}: {hit:?}");
+            if let (Some(hit), Some((distance, incidence))) = (hit, expected) {
+                assert!((hit.distance_m - distance).abs() < 1e-12, "{direction}: {hit:?}");
+                assert!((hit.incidence_rad - incidence).abs() < 1e-12, "{direction}: {hit:?}");
+            }
+        };
+        check(0.0, 10.0, Some((3.0, 0.0)));
+        check(PI, 10.0, Some((1.0, 0.0)));
+        check(FRAC_PI_2, 10.0, Some((2.0, 0.0)));
+        check(-FRAC_PI_4, 10.0, Some((f64::sqrt(2.0), FRAC_PI_4)));
+        check(0.0, 2.999, None);
+        check(0.0, f64::INFINITY, Some((3.0, 0.0)));
+        check(0.0, f64::NAN, None);
+        check(f64::NAN, 10.0, None);
+    }
+
+    #[test]
+    fn from_outside_and_past_it() {
+        let world = room();
+        assert!((world.cast([-50.0, 1.0], 0.0, 100.0).unwrap().distance_m - 50.0).abs() < 1e-12);
+        assert_eq!(world.cast([-50.0, 5.0], 0.0, 100.0), None);
+        assert_eq!(world.cast([-50.0, 1.0], PI, 100.0), None);
+        assert_eq!(world.cast([f64::NAN, 1.0], PI, 100.0), None);
+        assert!(world.sees([0.5, 0.5], [3.5, 2.5]) && !world.sees([0.5, 0.5], [4.5, 2.5]));
+        assert_eq!(world.bounds_m(), [[0.0, 0.0], [4.0, 3.0]]);
+    }
+
+    #[test]
+    fn a_point_is_a_disc_and_a_bitmap_has_an_outline() {
+        let parts = WorldParts { points: vec![[2.0, 0.0]], point_radius_m: 0.01, ..WorldParts::default() };
+        let hit = World::new(parts).unwrap().cast([0.0, 0.0], 0.0, 5.0).unwrap();
+        assert!((hit.distance_m - 1.99).abs() < 1e-12 && hit.incidence_rad == 0.0);
+        let solid = Solid::new(Pose2::new(1.0, -0.5, 0.0), 0.5, 2, vec![true; 4]).unwrap();
+        let world = World::new(WorldParts { solid: Some(solid), ..WorldParts::default() }).unwrap();
+        assert_eq!(world.lines().count(), 4, "one line a side, not one a pixel");
+        assert!((world.cast([0.0, 0.0], 0.0, 5.0).unwrap().distance_m - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_makes_no_world() {
+        let check = |parts: WorldParts, expected: &str| {
+            let error = World::new(parts).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        };
+        let walls = |x: f64| WorldParts {
+            walls: vec![wall(0.0, 0.0, 1.0, 0.0), wall(x, 0.0, 1.0, 1.0)],
+            ..WorldParts::default()
+        };
+        let at = |x: f64, theta: f64| Some(Pose2 { x, y: 0.0, theta });
+        let home = |home| WorldParts { places: Places { home, ..Places::default() }, ..walls(0.0) };
+        check(WorldParts::default(), "no wall");
+        check(walls(f64::NAN), "a coordinate of wall 2 is NaN; expected metres within ± 100000");
+        check(walls(1.1e5), "wall 2 is 110000");
+        check(WorldParts { points: vec![[0.0, f64::INFINITY]], ..walls(0.0) }, "point 1 is inf");
+        check(WorldParts { point_radius_m: -1.0, ..walls(0.0) }, "radius of the points is -1");
+        check(home(at(1e9, 0.0)), "a coordinate of home is 1000000000");
+        check(home(at(0.0, f64::NAN)), "the heading of home is NaN");
+        let solid = Solid::new(Pose2::new(1e6, 0.0, 0.0), 0.5, 1, vec![true]);
+        check(WorldParts { solid, ..walls(0.0) }, "a corner of the bitmap is 1000000");
+        let nothing_solid = Solid::new(Pose2::IDENTITY, 0.5, 2, vec![false; 4]);
+        check(WorldParts { solid: nothing_solid, ..WorldParts::default() }, "no wall");
+    }
+
+    fn any_world() -> impl Strategy<Value = World> {
+        let coordinate = || prop_oneof![-20.0..20.0f64, (-20..20i32).prop_map(f64::from)];
+        let walls = prop::collection::vec((coordinate(), coordinate(), coordinate(), coordinate()), 1..40);
+        let points = prop::collection::vec((coordinate(), coordinate()), 0..20);
+        (walls, points, -2e4..2e4f64).prop_map(|(walls, points, shift)| {
+            let walls = walls.into_iter().map(|(a, b, c, d)| wall(a + shift, b, c + shift, d)).collect();
+            let points = points.into_iter().map(|(x, y)| [x + shift, y]).collect();
+            World::new(WorldParts { walls, points, point_radius_m: 0.01, ..WorldParts::default() }).unwrap()
+        })
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(1000))]
+
+        #[test]
+        fn the_same_as_testing_every_surface(
+            world in any_world(), x in -30.0..30.0f64, y in -30.0..30.0f64,
+            direction in prop_oneof![-7.0..7.0f64, (-4..=4i32).prop_map(|k| f64::from(k) * FRAC_PI_4)],
+            max_m in 0.0..80.0f64, round: bool,
+        ) {
+            let middle = world.bounds_m()[0][0].round();
+            let origin = if round { [middle + x.round(), y.round()] } else { [middle + x, y] };
+            prop_assert_eq!(world.cast(origin, direction, max_m), brute_force(&world, origin, direction, max_m));
+        }
+
+        #[test]
+        fn no_ray_leaks_out_of_a_room(x in 0.01..3.99f64, y in 0.01..2.99f64, direction in 0.0..TAU, corner in 0..4usize) {
+            let world = room();
+            prop_assert!(world.cast([x, y], direction, 6.0).is_some());
+            let [cx, cy] = [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]][corner];
+            prop_assert!(world.cast([x, y], libm::atan2(cy - y, cx - x), 6.0).is_some());
+        }
+
+        #[test]
+        fn turned_worlds_give_turned_rays(turn in -3.0..3.0f64, direction in 0.0..TAU, x in 0.1..3.9f64, y in 0.1..2.9f64) {
+            let pose = Pose2::new(3.0, -8.0, turn);
+            let walls = room().lines().map(|s| Segment { from: pose.transform(s.from), to: pose.transform(s.to) }).collect();
+            let turned = World::new(WorldParts { walls, ..WorldParts::default() }).unwrap();
+            let (hit, expected) = (turned.cast(pose.transform([x, y]), direction + turn, 9.0).unwrap(), room().cast([x, y], direction, 9.0).unwrap());
+            prop_assert!((hit.distance_m - expected.distance_m).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! What a ray can end at.
+
+/// A straight line between two points, metres in the map frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// One end.
+    pub from: [f64; 2],
+    /// The other.
+    pub to: [f64; 2],
+}
+
+/// A wall, or a thing too small for one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Surface {
+    Wall(Segment),
+    Point { centre: [f64; 2], radius_m: f64 },
+}
+
+fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+fn between(from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+    [to[0] - from[0], to[1] - from[1]]
+}
+
+impl Surface {
+    /// How far a ray goes until it meets this; none if it misses. `direction` has length 1.
+    pub(super) fn distance_m(&self, origin: [f64; 2], direction: [f64; 2]) -> Option<f64> {
+        let distance = match self {
+            Self::Wall(Segment { from, to }) => {
+                let (from, to) = (between(origin, *from), between(origin, *to));
+                // On which side of the ray an end lies depends on that end alone: walls that share it stay tight.
+                let (side_from, side_to) = (cross(direction, from), cross(direction, to));
+                if (side_from > 0.0 && side_to > 0.0) || (side_from < 0.0 && side_to < 0.0) {
+                    return None;
+                }
+                let (ahead_from, ahead_to) = (dot(direction, from), dot(direction, to));
+                if side_from == side_to {
+                    // Along the wall: its nearer end, unless the origin lies within it.
+                    if (ahead_from < 0.0) == (ahead_to < 0.0) { ahead_from.min(ahead_to) } else { 0.0 }
+                } else {
+                    ahead_from + side_from / (side_from - side_to) * (ahead_to - ahead_from)
+                }
+            }
+            Self::Point { centre, radius_m } => {
+                let to_centre = between(origin, *centre);
+                let (ahead, aside) = (dot(direction, to_centre), cross(direction, to_centre));
+                let half_chord_m2 = radius_m * radius_m - aside * aside;
+                if half_chord_m2 < 0.0 {
+                    return None;
+                }
+                let half_chord = half_chord_m2.sqrt();
+                // From within the disc: at once.
+                if ahead.abs() < half_chord { 0.0 } else { ahead - half_chord }
+            }
+        };
+        (distance >= 0.0).then_some(distance)
+    }
+
+    /// Between a ray and the normal, radians in [0, π/2].
+    pub(super) fn incidence_rad(&self, direction: [f64; 2]) -> f64 {
+        match self {
+            Self::Wall(Segment { from, to }) => {
+                let along = between(*from, *to);
+                libm::atan2(dot(direction, along).abs(), cross(direction, along).abs())
+            }
+            Self::Point { .. } => 0.0,
+        }
+    }
+
+    /// Lowest and highest x and y.
+    pub(super) fn bounds_m(&self) -> [[f64; 2]; 2] {
+        match self {
+            Self::Wall(Segment { from, to }) => {
+                [[from[0].min(to[0]), from[1].min(to[1])], [from[0].max(to[0]), from[1].max(to[1])]]
+            }
+            Self::Point { centre: [x, y], radius_m } => [[x - radius_m, y - radius_m], [x + radius_m, y + radius_m]],
+        }
+    }
+}

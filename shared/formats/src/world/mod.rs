@@ -1,0 +1,131 @@
+//! Worlds: what a map is judged by, and what a simulated robot drives in.
+//!
+//! | file | what it holds | module |
+//! |---|---|---|
+//! | `.map` | ActivMedia and MobileSim worlds: lines, points, goals, home, forbidden lines and areas | [`mobilesim`] |
+//! | `.toml` | echogrid's own: walls with doors, boxes, goals, home | [`plan`] |
+//! | `.yaml` | a map_server map: what is occupied is solid | [`crate::map::map_server`] |
+//!
+//! Whatever the file: metres, in the map frame.
+
+mod error;
+pub mod mobilesim;
+pub mod plan;
+
+use std::path::Path;
+
+use echogrid_core::log_odds::OCCUPIED_ABOVE;
+use echogrid_core::world::{Solid, World, WorldParts};
+
+pub use error::{TextError, WorldFileError};
+
+use crate::map::map_server;
+use crate::read_at_most;
+
+/// Longest `.map`, bytes.
+pub const MAP_BYTES_MAX: u64 = 64 << 20;
+/// Longest world of our own, bytes: every door is sought on every wall.
+pub const PLAN_BYTES_MAX: u64 = 1 << 20;
+
+/// Reads a world; its ending says which kind.
+///
+/// # Errors
+/// When the file can't be read, is too long, is of no known kind, or makes no world.
+pub fn read(path: &Path) -> Result<World, WorldFileError> {
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
+    let parts = match ending.as_str() {
+        "map" => text(path, MAP_BYTES_MAX, |bytes| mobilesim::parse(&String::from_utf8_lossy(bytes)))?,
+        "toml" => text(path, PLAN_BYTES_MAX, |bytes| plan::parse(&String::from_utf8_lossy(bytes)))?,
+        "yaml" | "yml" => image(path)?,
+        _ => return Err(WorldFileError::Ending { path: path.to_path_buf() }),
+    };
+    World::new(parts).map_err(|source| WorldFileError::World { path: path.to_path_buf(), source })
+}
+
+fn text(
+    path: &Path,
+    bytes_max: u64,
+    parse: impl FnOnce(&[u8]) -> Result<WorldParts, TextError>,
+) -> Result<WorldParts, WorldFileError> {
+    let bytes = read_at_most(path, bytes_max).map_err(|source| WorldFileError::read(path, source))?;
+    parse(&bytes).map_err(|source| WorldFileError::Text { path: path.to_path_buf(), source })
+}
+
+fn image(path: &Path) -> Result<WorldParts, WorldFileError> {
+    let (yaml, map) = map_server::read(path)?;
+    let solid = map.probability.iter().map(|p| f64::from(*p) > OCCUPIED_ABOVE).collect();
+    let solid = Solid::new(map.map_from_corner, yaml.resolution_m, map.width, solid);
+    Ok(WorldParts { solid, ..WorldParts::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(name: &str, content: &[u8], expected: &str) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        let error = read(&path).unwrap_err().to_string();
+        assert!(error.contains(name) && error.contains(expected), "{error}");
+    }
+
+    #[test]
+    fn errors_name_the_file_and_what_was_expected() {
+        check("a.map", b"", "expected 2D-Map");
+        check("a.map", b"2D-Map\nLINES\n", "there is no wall in it");
+        check("a.map", b"2D-Map\nLINES\n0 0 1 x\n", "line 3: \"0 0 1 x\"; expected");
+        check("a.toml", b"[[wall]]\nfrom = [0, 0]\nto = [1e9, 0]\n", "a coordinate of wall 1 is 1000000000");
+        check("a.txt", b"", "expected .map");
+        check("a.yaml", b"image: none.pgm\nresolution: 0.05\n", "there is no origin");
+        let error = read(Path::new("/nowhere/office.toml")).unwrap_err().to_string();
+        assert!(error.contains("/nowhere/office.toml: no such file"), "{error}");
+    }
+
+    #[test]
+    fn a_near_name_is_suggested() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("office.map"), "").unwrap();
+        let error = read(&folder.path().join("ofice.map")).unwrap_err().to_string();
+        assert!(error.contains("did you mean") && error.contains("office.map"), "{error}");
+    }
+
+    #[test]
+    fn two_gigabytes_are_refused_unread() {
+        let folder = tempfile::tempdir().unwrap();
+        let sparse = |name: &str| {
+            let path = folder.path().join(name);
+            std::fs::File::create(&path).unwrap().set_len(2 << 30).unwrap();
+            path
+        };
+        for name in ["a.map", "a.toml", "a.yaml"] {
+            let error = read(&sparse(name)).unwrap_err().to_string();
+            assert!(error.contains("2147483648 bytes; expected at most"), "{error}");
+        }
+        sparse("a.pgm");
+        let yaml = folder.path().join("b.yaml");
+        std::fs::write(
+            &yaml,
+            "image: a.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n",
+        )
+        .unwrap();
+        let error = read(&yaml).unwrap_err().to_string();
+        assert!(error.contains("a.pgm") && error.contains("2147483648 bytes; expected at most"), "{error}");
+    }
+
+    #[test]
+    fn what_is_occupied_is_solid() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("a.pgm"), b"P5\n3 2\n255\n\xfe\xfe\x00\xcd\xfe\x00").unwrap();
+        let yaml = folder.path().join("a.yaml");
+        std::fs::write(
+            &yaml,
+            "image: a.pgm\nresolution: 0.5\norigin: [1, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.19\n",
+        )
+        .unwrap();
+        let world = read(&yaml).unwrap();
+        assert_eq!(world.bounds_m(), [[2.0, 0.0], [2.5, 1.0]]);
+        let hit = world.cast([1.1, 0.5], 0.0, 5.0).unwrap();
+        assert!((hit.distance_m - 0.9).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,363 @@
+//! echogrid's own worlds: `.toml`, metres.
+//!
+//! ```toml
+//! [home]                  # where a robot starts
+//! at = [1.0, 6.0]
+//! heading_deg = 0         # counter-clockwise from x; may be left out
+//!
+//! [[wall]]                # seen from both sides
+//! from = [0.0, 5.0]
+//! to = [22.0, 5.0]
+//!
+//! [[door]]                # an opening in the wall that it lies on
+//! at = [3.0, 5.0]
+//! width = 1.2
+//!
+//! [[box]]                 # four walls; `at` is the corner of lowest x and y
+//! at = [0.2, 1.0]
+//! size = [0.6, 2.0]
+//!
+//! [[goal]]
+//! name = "Kitchen"
+//! at = [4.5, 1.5]         # and heading_deg, if it is part of the goal
+//!
+//! [[forbidden]]           # a line not to cross, though nothing is there to see
+//! from = [0.0, 0.0]
+//! to = [1.0, 0.0]
+//! ```
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use echogrid_core::Pose2;
+use echogrid_core::world::{Goal, Segment, WorldParts};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::TextError;
+use crate::near::near_word;
+
+/// A door lies on a wall that is no farther from it than this, metres.
+const DOOR_REACH_M: f64 = 0.05;
+
+/// Tables and their keys; `?` marks a key that may be left out.
+const TABLES: [(&str, &[&str]); 6] = [
+    ("home", &["at", "heading_deg?"]),
+    ("wall", &["from", "to"]),
+    ("door", &["at", "width"]),
+    ("box", &["at", "size"]),
+    ("goal", &["name", "at", "heading_deg?"]),
+    ("forbidden", &["from", "to"]),
+];
+/// The only table that stands there once.
+const SINGLE: &str = "home";
+
+/// Reads a world.
+///
+/// # Errors
+/// When the text is no TOML, a key is unknown, missing, or has an impossible value.
+pub fn parse(text: &str) -> Result<WorldParts, TextError> {
+    let (document, errors) = DeTable::parse_recoverable(text);
+    if let Some(error) = errors.first() {
+        let found = error.message().replace('\n', " ");
+        return Err(TextError { line: line_of(text, error.span()), found, expected: "TOML".to_owned() });
+    }
+    let reader = Reader { text };
+    let mut items: BTreeMap<&str, Vec<Item<'_>>> = BTreeMap::new();
+    for (name, value) in document.get_ref() {
+        let known = TABLES.iter().find(|(table, _)| table == name.get_ref());
+        let (table, keys) = known.ok_or_else(|| {
+            reader.unknown("table", name.get_ref(), &name.span(), TABLES.iter().map(|(table, _)| *table))
+        })?;
+        items.insert(table, reader.items(table, keys, value)?);
+    }
+    let all = |table: &str| items.get(table).map(Vec::as_slice).unwrap_or_default();
+    let mut parts = WorldParts::default();
+    for home in all("home") {
+        parts.places.home = Some(home.pose()?);
+    }
+    let walls: Vec<Segment> = all("wall").iter().map(Item::segment).collect::<Result<_, _>>()?;
+    parts.walls = with_doors(&walls, all("door"))?;
+    for item in all("box") {
+        let ([x, y], [width, height]) = (item.pair("at", PLACE)?, item.pair("size", SIZE)?);
+        if !(width > 0.0 && height > 0.0) {
+            return Err(item.wrong("size", SIZE));
+        }
+        let [a, b, c, d] = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
+        parts.walls.extend([(a, b), (b, c), (c, d), (d, a)].map(|(from, to)| Segment { from, to }));
+    }
+    for item in all("goal") {
+        let has_heading = item.fields.contains_key("heading_deg");
+        parts.places.goals.push(Goal { name: item.text("name")?, pose: item.pose()?, has_heading });
+    }
+    parts.places.forbidden = all("forbidden").iter().map(Item::segment).collect::<Result<_, _>>()?;
+    Ok(parts)
+}
+
+const PLACE: &str = "[x, y], metres";
+const SIZE: &str = "[width, height], metres above 0";
+const WIDTH: &str = "metres above 0";
+
+/// Walls with openings where doors are.
+fn with_doors(walls: &[Segment], doors: &[Item<'_>]) -> Result<Vec<Segment>, TextError> {
+    // From where to where along each wall.
+    let mut openings: Vec<Vec<(f64, f64)>> = vec![Vec::new(); walls.len()];
+    for door in doors {
+        let at = door.pair("at", PLACE)?;
+        let width =
+            door.number("width", WIDTH)?.filter(|width| *width > 0.0).ok_or_else(|| door.wrong("width", WIDTH))?;
+        let places = walls.iter().enumerate().filter_map(|(index, wall)| {
+            let (along, length, aside) = place_on(*wall, at)?;
+            // Room for the door, but for rounding.
+            let room = along - width / 2.0 >= -1e-9 && along + width / 2.0 <= length + 1e-9;
+            (aside <= DOOR_REACH_M && room).then_some((aside, index, along))
+        });
+        let nearest = places.min_by(|a, b| a.0.total_cmp(&b.0));
+        let (_, index, along) = nearest.ok_or_else(|| door.wrong("at", "a place on a wall with room for the door"))?;
+        openings[index].push((along - width / 2.0, along + width / 2.0));
+    }
+    let mut pieces = Vec::with_capacity(walls.len() + doors.len());
+    for (wall, mut openings) in walls.iter().zip(openings) {
+        openings.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (dx, dy) = (wall.to[0] - wall.from[0], wall.to[1] - wall.from[1]);
+        let length = libm::hypot(dx, dy);
+        let at = |along: f64| [wall.from[0] + dx / length * along, wall.from[1] + dy / length * along];
+        let mut from = (0.0, wall.from);
+        for (start, end) in openings {
+            if start > from.0 {
+                pieces.push(Segment { from: from.1, to: at(start) });
+            }
+            if end > from.0 {
+                from = (end, at(end));
+            }
+        }
+        if from.0 < length || length == 0.0 {
+            pieces.push(Segment { from: from.1, to: wall.to });
+        }
+    }
+    Ok(pieces)
+}
+
+/// How far along a wall a point is, how long the wall, how far off it the point; none for a wall of no length.
+fn place_on(Segment { from, to }: Segment, at: [f64; 2]) -> Option<(f64, f64, f64)> {
+    let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
+    let length = libm::hypot(dx, dy);
+    let (x, y) = (at[0] - from[0], at[1] - from[1]);
+    (length > 0.0).then(|| ((x * dx + y * dy) / length, length, ((x * dy - y * dx) / length).abs()))
+}
+
+struct Reader<'a> {
+    text: &'a str,
+}
+
+/// One table, its keys known.
+struct Item<'a> {
+    text: &'a str,
+    table: &'static str,
+    span: Range<usize>,
+    fields: BTreeMap<&'a str, &'a Spanned<DeValue<'a>>>,
+}
+
+impl<'a> Reader<'a> {
+    /// The tables of one name.
+    fn items(
+        &self,
+        table: &'static str,
+        keys: &[&'static str],
+        value: &'a Spanned<DeValue<'a>>,
+    ) -> Result<Vec<Item<'a>>, TextError> {
+        match value.get_ref() {
+            DeValue::Table(fields) if table == SINGLE => Ok(vec![self.item(table, keys, &value.span(), fields)?]),
+            DeValue::Array(items) if table != SINGLE => items
+                .iter()
+                .map(|item| match item.get_ref() {
+                    DeValue::Table(fields) => self.item(table, keys, &item.span(), fields),
+                    _ => Err(self.not_tables(table, &item.span())),
+                })
+                .collect(),
+            _ => Err(self.not_tables(table, &value.span())),
+        }
+    }
+
+    fn item(
+        &self,
+        table: &'static str,
+        keys: &[&'static str],
+        span: &Range<usize>,
+        fields: &'a DeTable<'a>,
+    ) -> Result<Item<'a>, TextError> {
+        let mut known = BTreeMap::new();
+        for (name, value) in fields {
+            if !keys.iter().any(|key| key.trim_end_matches('?') == name.get_ref()) {
+                let names = keys.iter().map(|key| key.trim_end_matches('?'));
+                return Err(self.unknown("key", name.get_ref(), &name.span(), names));
+            }
+            known.insert(name.get_ref().as_ref(), value);
+        }
+        let item = Item { text: self.text, table, span: span.clone(), fields: known };
+        match keys.iter().find(|key| !key.ends_with('?') && !item.fields.contains_key(**key)) {
+            Some(missing) => Err(TextError {
+                line: line_of(self.text, Some(span.clone())),
+                found: format!("a {table} without {missing}"),
+                expected: format!("{table} with {}", keys.join(", ")),
+            }),
+            None => Ok(item),
+        }
+    }
+
+    fn unknown<'k>(
+        &self,
+        what: &str,
+        name: &str,
+        span: &Range<usize>,
+        known: impl Iterator<Item = &'k str> + Clone,
+    ) -> TextError {
+        let mut expected = known.clone().collect::<Vec<_>>().join(", ");
+        if let Some(near) = near_word(name, known) {
+            expected += &format!("; did you mean {near}?");
+        }
+        TextError {
+            line: line_of(self.text, Some(span.clone())),
+            found: format!("unknown {what} {}", quoted(name)),
+            expected,
+        }
+    }
+
+    fn not_tables(&self, table: &str, span: &Range<usize>) -> TextError {
+        let expected = if table == SINGLE { format!("one table [{table}]") } else { format!("tables [[{table}]]") };
+        TextError { line: line_of(self.text, Some(span.clone())), found: format!("{table} is none"), expected }
+    }
+}
+
+impl Item<'_> {
+    fn wrong(&self, key: &str, expected: &str) -> TextError {
+        let span = self.fields.get(key).map_or(self.span.clone(), |value| value.span());
+        let found =
+            format!("{} of {} is {}", key, self.table, shortened(self.text.get(span.clone()).unwrap_or_default()));
+        TextError { line: line_of(self.text, Some(span)), found, expected: expected.to_owned() }
+    }
+
+    fn pair(&self, key: &str, expected: &'static str) -> Result<[f64; 2], TextError> {
+        let numbers = match self.fields.get(key).map(|value| value.get_ref()) {
+            Some(DeValue::Array(items)) => items.iter().map(|item| number(item.get_ref())).collect(),
+            _ => None,
+        };
+        numbers.and_then(|numbers: Vec<f64>| numbers.try_into().ok()).ok_or_else(|| self.wrong(key, expected))
+    }
+
+    fn number(&self, key: &str, expected: &'static str) -> Result<Option<f64>, TextError> {
+        let value = self.fields.get(key).map(|value| number(value.get_ref()).ok_or_else(|| self.wrong(key, expected)));
+        value.transpose()
+    }
+
+    fn text(&self, key: &str) -> Result<String, TextError> {
+        match self.fields.get(key).map(|value| value.get_ref()) {
+            Some(DeValue::String(text)) if !text.trim().is_empty() => Ok(text.to_string()),
+            _ => Err(self.wrong(key, "a text in quotes")),
+        }
+    }
+
+    fn segment(&self) -> Result<Segment, TextError> {
+        Ok(Segment { from: self.pair("from", PLACE)?, to: self.pair("to", PLACE)? })
+    }
+
+    fn pose(&self) -> Result<Pose2, TextError> {
+        let [x, y] = self.pair("at", PLACE)?;
+        let degrees = self.number("heading_deg", "degrees")?.unwrap_or(0.0);
+        Ok(Pose2::new(x, y, degrees * core::f64::consts::PI / 180.0))
+    }
+}
+
+fn number(value: &DeValue<'_>) -> Option<f64> {
+    let number: f64 = match value {
+        DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix()).ok()? as f64,
+        DeValue::Float(float) => float.as_str().parse().ok()?,
+        _ => return None,
+    };
+    number.is_finite().then_some(number)
+}
+
+/// Counted from 1.
+fn line_of(text: &str, span: Option<Range<usize>>) -> usize {
+    let before = text.as_bytes().get(..span.map_or(0, |span| span.start)).unwrap_or_default();
+    before.iter().filter(|byte| **byte == b'\n').count() + 1
+}
+
+fn shortened(text: &str) -> String {
+    text.chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+pub(super) fn quoted(text: &str) -> String {
+    format!("\"{}\"", shortened(text))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const WORLD: &str = "[home]\nat = [1.0, 6]\nheading_deg = 90\n\n[[wall]]\nfrom = [0.0, 5.0]\nto = [22.0, 5.0]\n\n\
+        [[door]]\nat = [10.0, 5.0]\nwidth = 1.2\n\n[[door]]\nat = [3.0, 5.0]\nwidth = 1.2\n\n\
+        [[box]]\nat = [1.0, 1.0]\nsize = [2.0, 0.5]\n\n[[goal]]\nname = \"Kitchen\"\nat = [4.5, 1.5]\n\n\
+        [[forbidden]]\nfrom = [0, 0]\nto = [1, 0]\n";
+
+    #[test]
+    fn all_of_it() {
+        let parts = parse(WORLD).unwrap();
+        let line = |x1, y1, x2, y2| Segment { from: [x1, y1], to: [x2, y2] };
+        assert_eq!(parts.walls[..3], [line(0.0, 5.0, 2.4, 5.0), line(3.6, 5.0, 9.4, 5.0), line(10.6, 5.0, 22.0, 5.0)]);
+        assert_eq!(parts.walls[3], line(1.0, 1.0, 3.0, 1.0));
+        assert_eq!(parts.walls.len(), 7);
+        assert_eq!(parts.places.home, Some(Pose2::new(1.0, 6.0, core::f64::consts::FRAC_PI_2)));
+        assert_eq!((parts.places.goals[0].name.as_str(), parts.places.goals[0].has_heading), ("Kitchen", false));
+        assert_eq!(parts.places.forbidden, [line(0.0, 0.0, 1.0, 0.0)]);
+    }
+
+    #[test]
+    fn errors_name_line_value_and_expectation() {
+        let check = |from: &str, to: &str, expected: &str| {
+            let error = parse(&WORLD.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        };
+        check(
+            "[[wall]]",
+            "[[wal]]",
+            "line 5: unknown table \"wal\"; expected home, wall, door, box, goal, forbidden; did you mean wall?",
+        );
+        check("from =", "form =", "line 6: unknown key \"form\"; expected from, to; did you mean from?");
+        check("to = [22.0, 5.0]", "to = [22.0]", "line 7: to of wall is [22.0]; expected [x, y], metres");
+        check("to = [22.0, 5.0]", "to = [22.0, nan]", "line 7");
+        check("to = [22.0, 5.0]", "to = \"right\"", "line 7: to of wall is \"right\"");
+        check("to = [22.0, 5.0]", "", "line 5: a wall without to; expected wall with from, to");
+        check("at = [10.0, 5.0]", "at = [10.0, 6.0]", "line 10: at of door is [10.0, 6.0]; expected a place on a wall");
+        check("at = [10.0, 5.0]", "at = [0.1, 5.0]", "room for the door");
+        check("width = 1.2", "width = 0", "line 11: width of door is 0; expected metres above 0");
+        check("size = [2.0, 0.5]", "size = [2.0, -0.5]", "line 19: size of box is [2.0, -0.5]");
+        check("\"Kitchen\"", "7", "a text in quotes");
+        check("[home]", "[[home]]", "expected one table [home]");
+        check("[[wall]]", "[wall]", "expected tables [[wall]]");
+        check("[[wall]]", "[[wall]", "expected TOML");
+        check("heading_deg = 90", "heading_deg = true", "line 3: heading_deg of home is true; expected degrees");
+    }
+
+    #[test]
+    fn doors_may_meet_and_overlap() {
+        let doors = |places: &[(f64, f64)]| {
+            let doors: String =
+                places.iter().map(|(x, width)| format!("[[door]]\nat = [{x}, 0]\nwidth = {width}\n")).collect();
+            parse(&format!("[[wall]]\nfrom = [0, 0]\nto = [4, 0]\n{doors}")).unwrap().walls.len()
+        };
+        assert_eq!(doors(&[]), 1);
+        assert_eq!(doors(&[(0.5, 1.0)]), 1);
+        assert_eq!(doors(&[(2.0, 4.0)]), 0);
+        assert_eq!(doors(&[(1.0, 1.0), (1.2, 1.0), (3.0, 0.5)]), 3);
+    }
+
+    proptest! {
+        #[test]
+        fn any_text_is_survived(text in "(\\[\\[wall\\]\\]|\\[home\\]|\\[\\[door\\]\\]|from|to|at|width| = |\\[|\\]|,|\"|-?[0-9]{1,3}|\n|\\PC){0,60}") {
+            let _ = parse(&text);
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! How good a map is, as the program tells it.
+
+use crate::drive::OFFICE;
+use crate::support::{Drive, data, echogrid, path, said, summary};
+
+const FIGURES: [&str; 8] = [
+    "bits",
+    "bits_occupied",
+    "bits_free",
+    "calibration_error",
+    "decided",
+    "decided_wrong",
+    "wall_recall_10cm",
+    "wall_precision_10cm",
+];
+
+#[test]
+fn a_drive_in_the_office_is_judged() {
+    let drive = Drive::new(8.0);
+    drive.native_map("maps", &[]);
+    let (map, log, picture) =
+        (path(&drive.out("maps/map.echogrid")), path(&drive.log()), path(&drive.out("score.png")));
+    let score = |more: &[&str]| echogrid([&["score", &map, "--world", OFFICE][..], more].concat());
+    let judged = summary(&score(&["--path", &log, "--json", "--picture", &picture]));
+    for figure in FIGURES {
+        assert!(judged[figure].as_f64().is_some_and(|value| (0.0..20.0).contains(&value)), "{figure}: {judged}");
+    }
+    // Most of what can be seen from the way was found, and hardly any of it wrong.
+    assert!(judged["bits"].as_f64().unwrap() < 0.9, "{judged}");
+    assert!(judged["wall_recall_10cm"].as_f64().unwrap() > 0.5, "{judged}");
+    assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let table = said(&score(&["--path", &log]));
+    assert!(table.contains("map.echogrid in office.toml, along the true path of drive.log"), "{table}");
+    let table = said(&score(&[]));
+    assert!(table.contains("along the map's own path, taken for true"), "{table}");
+    // What belongs to another place.
+    let check = |arguments: &[&str], snippets: &[&str]| {
+        let output = echogrid(arguments);
+        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+        assert!(snippets.iter().all(|snippet| said(&output).contains(snippet)), "{}", said(&output));
+    };
+    let elsewhere = path(&drive.out("far.toml"));
+    std::fs::write(&elsewhere, "[[wall]]\nfrom = [900, 900]\nto = [910, 900]\n").unwrap();
+    check(&["score", &map, "--world", &elsewhere], &["far.toml", "no wall of the world was seen from the path"]);
+    let typo = path(&drive.out("typo.toml"));
+    std::fs::write(&typo, "[[wall]]\nfrom = [0, 0]\ntoo = [9, 0]\n").unwrap();
+    check(&["score", &map, "--world", &typo], &["typo.toml: line 3", "\"too\"", "did you mean to?"]);
+    check(&["score", &log, "--world", OFFICE], &["drive.log", "not a native map"]);
+    check(&["score", &map, "--world", "/nowhere/a.map"], &["/nowhere/a.map: no such file"]);
+    let blind = path(&drive.out("blind.log"));
+    let lines = std::fs::read_to_string(drive.log()).unwrap();
+    let lines: Vec<&str> = lines.lines().filter(|line| !line.starts_with("TRUEPOS")).collect();
+    std::fs::write(&blind, lines.join("\n")).unwrap();
+    check(&["score", &map, "--world", OFFICE, "--path", &blind], &["blind.log", "TRUEPOS"]);
+}
+
+/// A robot that drifts by 6 m: a map that ignores odometry error is worse than none, the paper's is about as good as none.
+#[test]
+fn the_papers_claim_holds_on_a_recorded_drive() {
+    let (Some(log), Some(world)) = (data("sonar/columbia-sonar.log.gz"), data("worlds/columbia.map")) else { return };
+    let (log, world) = (path(&log), path(&world));
+    let folder = tempfile::tempdir().unwrap();
+    let bits = |sets: &[&str]| {
+        let out = path(folder.path());
+        let sets: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
+        let output = echogrid([&["map", &log, "--out", &out, "-q"][..], &sets].concat());
+        assert!(output.status.success(), "{}", said(&output));
+        let map = path(&folder.path().join("map.echogrid"));
+        summary(&echogrid(["score", &map, "--world", &world, "--path", &log, "--json"]))["bits"].as_f64().unwrap()
+    };
+    let paper = bits(&["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03"]);
+    assert!((paper - 1.04).abs() < 0.05, "{paper}");
+    let none = ["odometry.k_ll=0", "odometry.k_lt=0", "odometry.k_tt=0", "odometry.k_tl=0"];
+    let fixed = bits(&none);
+    assert!((fixed - 1.97).abs() < 0.05, "{fixed}");
+}
