@@ -1,7 +1,7 @@
 //! `echogrid map` and `echogrid up`: a graph from its start to its summary.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{GridMapper, Robot};
@@ -17,6 +17,8 @@ use crate::progress::Display;
 use crate::summary::Summary;
 use crate::supervisor::{self, Graph};
 
+/// From the start of a service to its first sign of life.
+const READY_WITHIN: Duration = Duration::from_secs(30);
 /// Scans of a sensor that says nothing of its size before it starts.
 const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 
@@ -26,7 +28,10 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     loaded.require_runnable()?;
     let config = loaded.config();
     // What is wrong with the log is said before anything is started.
+    let surveyed = Instant::now();
     let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
+    // The sensor will read the log as we did, beside the others.
+    let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     probe_output(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
@@ -40,6 +45,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         log_filter: view.log_level.as_deref(),
         log_json: view.log_format == "json",
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),
+        ready_within,
     };
     let start = SystemTime::now();
     let mut display = Display::new(view.quiet, view.verbose);

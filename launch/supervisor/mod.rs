@@ -22,8 +22,6 @@ use nix::sys::signal::Signal;
 
 use crate::config::{Service, ServiceKind};
 
-/// From start to the first sign of life.
-const READY_WITHIN: Duration = Duration::from_secs(30);
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
 /// Likewise when a service failed, for those downstream of it.
@@ -50,6 +48,8 @@ pub struct Graph<'a> {
     pub log_json: bool,
     /// From one sign of life to the next. Writing a large map to a slow disk is one step.
     pub alive_within: Duration,
+    /// A service that has not become ready for so long hangs.
+    pub ready_within: Duration,
 }
 
 /// How the run is doing.
@@ -150,6 +150,7 @@ pub fn run(graph: &Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
         lines,
         started: Instant::now(),
         alive_within: graph.alive_within,
+        ready_within: graph.ready_within,
         ready: None,
         ending: None,
         failed: None,
@@ -180,6 +181,7 @@ struct Supervisor {
     lines: Receiver<Line>,
     started: Instant,
     alive_within: Duration,
+    ready_within: Duration,
     ready: Option<Instant>,
     ending: Option<Ending>,
     /// The service farthest upstream that failed.
@@ -320,8 +322,11 @@ impl Supervisor {
     fn check_deadlines(&mut self, observer: &mut dyn Observer) {
         let now = Instant::now();
         for process in self.processes.iter_mut().filter(|process| process.is_alive()) {
-            let (limit, what) =
-                if process.is_ready() { (self.alive_within, "no sign of life") } else { (READY_WITHIN, "not ready") };
+            let (limit, what) = if process.is_ready() {
+                (self.alive_within, "no sign of life")
+            } else {
+                (self.ready_within, "not ready")
+            };
             if now.saturating_duration_since(process.silent_since()) > limit {
                 let name = process.name.clone();
                 self.outcome.failures.push(format!("{name}: {what} for {} s: it hangs", limit.as_secs()));
