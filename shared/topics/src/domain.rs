@@ -6,6 +6,7 @@
 //! whoever starts next sweeps what it left.
 
 use std::fs::{self, File, OpenOptions};
+use std::io::ErrorKind;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -20,6 +21,9 @@ const SHM: &str = "/dev/shm";
 const LONGEST_NAME: usize = 20;
 /// How long processes of a launcher that died may take to leave before a new one gives up.
 const ORPHANS_LEAVE_WITHIN: Duration = Duration::from_secs(5);
+
+/// How long others may hold a domain's lock only to look at it.
+const GLANCES_END_WITHIN: Duration = Duration::from_secs(1);
 
 /// Why a domain can't be used.
 #[derive(Debug, thiserror::Error)]
@@ -158,10 +162,7 @@ impl Domain {
     pub fn claim(self) -> Result<Claim, DomainError> {
         make_base(&self.base, self.uid)?;
         sweep_dead(&self);
-        let Some(owner) = lock(&self.owner_lock(), FlockArg::LockExclusiveNonblock)? else {
-            let pid = fs::read_to_string(self.owner_lock()).ok().and_then(|text| text.trim().parse().ok());
-            return Err(DomainError::InUse { name: self.name, pid });
-        };
+        let owner = self.lock_as_owner()?;
         fs::write(self.owner_lock(), std::process::id().to_string()).map_err(io(&self.owner_lock()))?;
         let deadline = Instant::now() + ORPHANS_LEAVE_WITHIN;
         while lock(&self.member_lock(), FlockArg::LockExclusiveNonblock)?.is_none() {
@@ -188,6 +189,23 @@ impl Domain {
         );
         fs::write(&config, text).map_err(io(&config))?;
         Ok(Claim { domain: self, _owner: owner })
+    }
+
+    fn lock_as_owner(&self) -> Result<Flock<File>, DomainError> {
+        let deadline = Instant::now() + GLANCES_END_WITHIN;
+        loop {
+            if let Some(owner) = lock(&self.owner_lock(), FlockArg::LockExclusiveNonblock)? {
+                return Ok(owner);
+            }
+            let pid: Option<u32> = fs::read_to_string(self.owner_lock()).ok().and_then(|text| text.trim().parse().ok());
+            let runs = pid.is_some_and(|pid| Path::new(&format!("/proc/{pid}")).exists());
+            if runs || Instant::now() > deadline {
+                return Err(DomainError::InUse { name: self.name.clone(), pid });
+            }
+            // Somebody looks whether the domain is dead, which takes the lock for a moment; the kernel
+            // has no timed flock.
+            std::thread::sleep(Duration::from_millis(2));
+        }
     }
 
     /// Says that a process lives in the domain, for as long as the value is kept.
@@ -285,14 +303,18 @@ fn known() -> Vec<Domain> {
 }
 
 fn is_owned(domain: &Domain) -> bool {
-    domain.owner_lock().exists() && matches!(lock(&domain.owner_lock(), FlockArg::LockExclusiveNonblock), Ok(None))
+    matches!(glance(&domain.owner_lock()), Ok(Glance::Held))
 }
 
 /// Wipes every other domain of this user that no process holds any more.
 fn sweep_dead(except: &Domain) {
     for domain in known().into_iter().filter(|domain| domain != except) {
-        let Ok(Some(_owner)) = lock(&domain.owner_lock(), FlockArg::LockExclusiveNonblock) else { continue };
-        let Ok(Some(_members)) = lock(&domain.member_lock(), FlockArg::LockExclusiveNonblock) else { continue };
+        let Ok(Glance::Free(_owner)) = glance(&domain.owner_lock()) else { continue };
+        let _members = match glance(&domain.member_lock()) {
+            Ok(Glance::Free(members)) => Some(members),
+            Ok(Glance::Absent) => None,
+            Ok(Glance::Held) | Err(_) => continue,
+        };
         tracing::debug!(domain = domain.name(), "sweeping what a dead launcher left");
         domain.wipe();
         let _ = fs::remove_file(domain.member_lock());
@@ -301,40 +323,84 @@ fn sweep_dead(except: &Domain) {
 }
 
 fn make_base(base: &Path, uid: u32) -> Result<(), DomainError> {
-    match fs::DirBuilder::new().mode(0o700).create(base) {
-        Ok(()) => Ok(()),
-        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-            let owner = fs::symlink_metadata(base).map_err(io(base))?.uid();
-            if owner == uid { Ok(()) } else { Err(DomainError::Foreign { path: base.into(), owner, me: uid }) }
+    loop {
+        match fs::DirBuilder::new().mode(0o700).create(base) {
+            Ok(()) => return Ok(()),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(io(base)(error)),
         }
-        Err(error) => Err(io(base)(error)),
+        match fs::symlink_metadata(base) {
+            Ok(meta) if meta.uid() == uid => return Ok(()),
+            Ok(meta) => return Err(DomainError::Foreign { path: base.into(), owner: meta.uid(), me: uid }),
+            // It went with the last domain just now.
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(io(base)(error)),
+        }
     }
 }
 
-/// Opens and locks a file; none if somebody else holds it.
+/// What a look at a lock file shows.
+enum Glance {
+    /// Nobody holds it; we do now.
+    Free(Flock<File>),
+    /// Somebody holds it.
+    Held,
+    /// There is none.
+    Absent,
+}
+
+/// Looks at a lock without making its file.
+fn glance(path: &Path) -> Result<Glance, DomainError> {
+    loop {
+        let file = match OpenOptions::new().read(true).write(true).open(path) {
+            Ok(file) => file,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Glance::Absent),
+            Err(error) => return Err(io(path)(error)),
+        };
+        match lock_file(file, path, FlockArg::LockExclusiveNonblock)? {
+            Locked::Yes(lock) => return Ok(Glance::Free(lock)),
+            Locked::Busy => return Ok(Glance::Held),
+            Locked::Removed => {}
+        }
+    }
+}
+
+/// Opens and locks a file, made if it is not there; none if somebody else holds it.
 fn lock(path: &Path, how: FlockArg) -> Result<Option<Flock<File>>, DomainError> {
     loop {
         let file = match OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path) {
             Ok(file) => file,
             // The base directory went with the last domain just now.
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            Err(error) if error.kind() == ErrorKind::NotFound => {
                 let base = path.parent().unwrap_or(Path::new(SHM));
                 make_base(base, Uid::current().as_raw())?;
                 continue;
             }
             Err(error) => return Err(io(path)(error)),
         };
-        let locked = match Flock::lock(file, how) {
-            Ok(locked) => locked,
-            Err((_, Errno::EWOULDBLOCK)) => return Ok(None),
-            Err((_, errno)) => return Err(io(path)(errno.into())),
-        };
-        // A lock on a file that was removed in between protects nothing.
-        let same = |meta: &fs::Metadata| locked.metadata().is_ok_and(|held| held.ino() == meta.ino());
-        if fs::metadata(path).is_ok_and(|meta| same(&meta)) {
-            return Ok(Some(locked));
+        match lock_file(file, path, how)? {
+            Locked::Yes(lock) => return Ok(Some(lock)),
+            Locked::Busy => return Ok(None),
+            Locked::Removed => {}
         }
     }
+}
+
+enum Locked {
+    Yes(Flock<File>),
+    Busy,
+    /// The file was removed while we opened it: a lock on it protects nothing.
+    Removed,
+}
+
+fn lock_file(file: File, path: &Path, how: FlockArg) -> Result<Locked, DomainError> {
+    let locked = match Flock::lock(file, how) {
+        Ok(locked) => locked,
+        Err((_, Errno::EWOULDBLOCK)) => return Ok(Locked::Busy),
+        Err((_, errno)) => return Err(io(path)(errno.into())),
+    };
+    let same = |meta: &fs::Metadata| locked.metadata().is_ok_and(|held| held.ino() == meta.ino());
+    if fs::metadata(path).is_ok_and(|meta| same(&meta)) { Ok(Locked::Yes(locked)) } else { Ok(Locked::Removed) }
 }
 
 #[cfg(test)]
@@ -372,6 +438,20 @@ mod tests {
     }
 
     #[test]
+    fn a_glance_at_a_domain_does_not_keep_its_launcher_out() {
+        let domain = Domain::named(&format!("g-{}", std::process::id())).unwrap();
+        make_base(&domain.base, domain.uid).unwrap();
+        let glance = lock(&domain.owner_lock(), FlockArg::LockExclusiveNonblock).unwrap().unwrap();
+        let claimant = std::thread::spawn({
+            let domain = domain.clone();
+            move || domain.claim().map(drop)
+        });
+        // Whichever comes first, the launcher gets in.
+        drop(glance);
+        claimant.join().unwrap().unwrap();
+    }
+
+    #[test]
     fn a_dead_domain_is_swept() {
         let domain = Domain::named(&format!("d-{}", std::process::id())).unwrap();
         // What a SIGKILLed launcher leaves: files, and locks that nobody holds.
@@ -381,7 +461,12 @@ mod tests {
         fs::write(&stray, "x").unwrap();
         let other = Domain::named(&format!("e-{}", std::process::id())).unwrap();
         let claim = other.claim().unwrap();
-        assert!(!stray.exists() && !domain.dir().exists());
+        // If another start is at it already, it is not swept twice.
+        let deadline = Instant::now() + Duration::from_secs(10);
+        while stray.exists() || domain.dir().exists() {
+            assert!(Instant::now() < deadline, "not swept");
+            std::thread::yield_now();
+        }
         drop(claim);
     }
 
