@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
-use crate::config::LoadRequest;
+use crate::config::{Interval, LoadRequest};
 
 /// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
 #[derive(Debug, Parser)]
@@ -60,6 +60,38 @@ pub enum Command {
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
     },
+    /// Pauses mapping in a running graph; the robot's way is followed on.
+    Pause {
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+    /// Goes on mapping in a running graph.
+    Resume {
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+    /// Tells a running graph where the robot is now: an absolute localization by hand.
+    #[command(allow_negative_numbers = true)]
+    Fix {
+        /// Metres, map frame.
+        x: f64,
+        /// Metres, map frame.
+        y: f64,
+        /// Heading, radians counter-clockwise from x; or degrees, as in 90deg.
+        #[arg(value_parser = angle)]
+        theta: f64,
+        /// How well the position is known: standard deviation along each axis, metres.
+        #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = deviation)]
+        sigma: f64,
+        /// How well the heading is known: standard deviation, radians, or degrees, as in 2deg.
+        #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle)]
+        heading_sigma: f64,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
     /// Tells which graphs run, and how their services are doing.
     Status {
         /// Which graph; none: all that run.
@@ -95,7 +127,7 @@ pub enum Command {
     },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, odometry, mapper or publisher.
+        /// replay, odometry, localizer, mapper or publisher.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
@@ -118,6 +150,13 @@ pub struct Settings {
     /// Keeps this graph apart from others on the machine [default: one of its own].
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
+    /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
+    /// a log that knows) [default: none].
+    #[arg(long, value_name = "SOURCE")]
+    pub fix: Option<String>,
+    /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
+    #[arg(long, value_name = "WAY|TIME")]
+    pub fix_every: Option<Interval>,
     /// Sets any key, as in `--set mapper.resolution_m=0.1`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
@@ -152,8 +191,41 @@ impl Settings {
             rate: self.rate,
             robot: self.robot,
             domain: self.domain,
+            fix: self.fix,
+            fix_every: self.fix_every,
             sets: self.sets,
             ..LoadRequest::default()
         }
+    }
+}
+
+/// An angle in radians, or in degrees where it says so.
+fn angle(text: &str) -> Result<f64, String> {
+    let (number, scale) = match text.strip_suffix("deg") {
+        Some(degrees) => (degrees.trim(), core::f64::consts::PI / 180.0),
+        None => (text.trim(), 1.0),
+    };
+    let angle = number.parse::<f64>().ok().map(|number| number * scale).filter(|angle| angle.abs() <= 1e6);
+    angle.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())
+}
+
+/// Metres, 0 or more.
+fn deviation(text: &str) -> Result<f64, String> {
+    let metres = text.trim().parse::<f64>().ok().filter(|metres| metres.is_finite() && *metres >= 0.0);
+    metres.ok_or_else(|| "expected metres, 0 or more".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn angles_have_units() {
+        assert_eq!(angle("1.5"), Ok(1.5));
+        assert!((angle("-90deg").unwrap() + core::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        for wrong in ["", "deg", "nan", "inf", "1e9", "90°", "north"] {
+            assert!(angle(wrong).is_err(), "{wrong}");
+        }
+        assert!(deviation("0.1").is_ok() && deviation("-0.1").is_err() && deviation("nan").is_err());
     }
 }

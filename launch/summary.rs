@@ -29,6 +29,8 @@ pub struct Summary {
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
     pub trust: f64,
+    /// Absolute localizations.
+    pub fixes: u32,
     /// Cells by what is known of them.
     pub cells: Cells,
     /// Side of a cell, metres.
@@ -103,6 +105,7 @@ impl Summary {
             refused,
             distance_m: map.distance_m,
             trust: map.trust,
+            fixes: map.fixes,
             cells: Cells { known: map.cells_known, occupied: map.cells_occupied, free: map.cells_free },
             resolution_m,
             extent_m,
@@ -160,7 +163,12 @@ impl fmt::Display for Summary {
             percent(occupied, known),
             percent(known.saturating_sub(free).saturating_sub(occupied), known),
         )?;
-        writeln!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
+        write!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
+        match self.fixes {
+            0 => writeln!(f)?,
+            1 => writeln!(f, ", localized once")?,
+            fixes => writeln!(f, ", localized {fixes} times")?,
+        }
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
         let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;

@@ -3,16 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{GridMapper, Robot};
 use echogrid_formats::log::{self, LogSurvey, StampQuality};
 use echogrid_formats::map::{MapFiles, Provenance};
+use echogrid_localizer::config::Source;
 use echogrid_service::Plan;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::MAX_SENSORS;
 
 use crate::cli::View;
-use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate};
+use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
 use crate::progress::Display;
 use crate::summary::Summary;
 use crate::supervisor::{self, Graph};
@@ -30,6 +31,13 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
     let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
+    if let Some(survey) = survey.as_ref().filter(|_| config.localizer.source == Source::Truth) {
+        ensure!(
+            survey.true_pose_count > 0,
+            "{}: no true pose in it, which localizer.source = \"truth\" (--fix truth) asks for; expected TRUEPOS lines",
+            config.replay.log.display()
+        );
+    }
     // The sensor will read the log as we did, beside the others.
     let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     probe_output(&config.run.out)?;
@@ -82,6 +90,12 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     }
     let of_robot = robot.map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
     let provenance = provenance(config, survey)?;
+    // What `auto` comes to, the processes can't know.
+    let mut config = config.clone();
+    let mended = config.has_localizer() || config.localizer.source == Source::Operator;
+    config.localization.hold = config.localization.hold.resolve(mended).into();
+    let is_real = config.services.values().any(|s| s.kind == ServiceKind::Sensor && matches!(s.exec, Exec::Path(_)));
+    config.localization.wait = config.localization.wait.resolve(!is_real).into();
     let mut table = config.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     Ok(Plan {
@@ -118,7 +132,7 @@ fn source(config: &Config) -> String {
     if plays_log(config) {
         return config.replay.log.file_name().unwrap_or(config.replay.log.as_os_str()).to_string_lossy().into_owned();
     }
-    let sensor = config.services.iter().find(|(_, service)| service.kind == config::ServiceKind::Sensor);
+    let sensor = config.services.iter().find(|(_, service)| service.kind == ServiceKind::Sensor);
     sensor.map_or_else(|| "sensor".into(), |(name, _)| name.clone())
 }
 

@@ -12,6 +12,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use echogrid_core::Pose2;
 use echogrid_service::in_words;
 
 use crate::cli::{Cli, Command};
@@ -35,6 +36,11 @@ pub fn run(cli: Cli) -> ExitCode {
             check::run(&LoadRequest { graph, sensor, ..settings.request() })
         }
         Some(Command::Save { domain }) => talk::save(domain.as_deref()),
+        Some(Command::Pause { domain }) => talk::pause(domain.as_deref()),
+        Some(Command::Resume { domain }) => talk::resume(domain.as_deref()),
+        Some(Command::Fix { x, y, theta, sigma, heading_sigma, domain }) => {
+            talk::fix(domain.as_deref(), Pose2 { x, y, theta }, sigma, heading_sigma)
+        }
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output }) => convert(&input, &output),
         Some(Command::Score { map, world, path, points, json, picture }) => {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use echogrid_core::{Fix, Pose2};
 use echogrid_service::Plan;
 use echogrid_topics::{Command, Domain, Health, Input, Message, Participant, Received, ServiceState, Topic};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -12,17 +13,42 @@ use crate::config::{self, ServiceKind};
 
 /// Writing a large map to a slow disk takes its time.
 const SAVED_WITHIN: Duration = Duration::from_secs(60);
+/// Between two steps of a service.
+const DONE_WITHIN: Duration = Duration::from_secs(10);
 /// Every service says how it is doing four times a second.
 const HEARD_WITHIN: Duration = Duration::from_secs(1);
 
 /// Has every publisher of a graph save its map.
 pub(super) fn save(domain: Option<&str>) -> Result<()> {
+    order(domain, ServiceKind::Publisher, Command::Save, SAVED_WITHIN)
+}
+
+/// Has nothing mapped until told to resume.
+pub(super) fn pause(domain: Option<&str>) -> Result<()> {
+    order(domain, ServiceKind::Mapper, Command::Pause, DONE_WITHIN)
+}
+
+/// Has the mapper go on.
+pub(super) fn resume(domain: Option<&str>) -> Result<()> {
+    order(domain, ServiceKind::Mapper, Command::Resume, DONE_WITHIN)
+}
+
+/// Tells the odometry where the robot is now.
+pub(super) fn fix(domain: Option<&str>, pose: Pose2, position_sigma_m: f64, heading_sigma_rad: f64) -> Result<()> {
+    let fix = Fix::about(pose, position_sigma_m, heading_sigma_rad);
+    fix.validate().context("a robot can't be there")?;
+    order(domain, ServiceKind::Odometry, Command::Fix(fix), DONE_WITHIN)
+}
+
+/// Tells all services of a kind to do something, and prints what they say.
+fn order(domain: Option<&str>, kind: ServiceKind, command: Command, within: Duration) -> Result<()> {
     let domain = choose(domain)?;
-    let participant = Participant::join(&domain, "echogrid save")?;
-    for publisher in publishers(&Plan::read(&domain)?)? {
-        match echogrid_topics::control::order(&participant, &publisher, Command::Save, SAVED_WITHIN)? {
-            Ok(done) => super::print(&format!("{publisher}: {done}\n"))?,
-            Err(why) => bail!("{publisher}: {why}"),
+    let participant = Participant::join(&domain, &format!("echogrid {}", command.word()))?;
+    let config: config::Config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
+    for (name, _) in config.services.iter().filter(|(_, service)| service.kind == kind) {
+        match echogrid_topics::control::order(&participant, name, command, within)? {
+            Ok(done) => super::print(&format!("{name}: {done}\n"))?,
+            Err(why) => bail!("{name}: {why}"),
         }
     }
     Ok(())
@@ -70,12 +96,6 @@ fn choose(domain: Option<&str>) -> Result<Domain> {
         [only] => Ok(Domain::named(only)?),
         several => bail!("several graphs run: choose one with --domain ({})", several.join(", ")),
     }
-}
-
-fn publishers(plan: &Plan) -> Result<Vec<String>> {
-    let config: config::Config = plan.config.clone().try_into().context("in the plan of the graph")?;
-    let publishers = config.services.into_iter().filter(|(_, service)| service.kind == ServiceKind::Publisher);
-    Ok(publishers.map(|(name, _)| name).collect())
 }
 
 /// What the services say of themselves, until `services` of them were heard.

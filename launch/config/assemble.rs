@@ -26,6 +26,8 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.run = section("run", &config.run, settings)?;
     config.replay = section("replay", &config.replay, settings)?;
     config.odometry = section("odometry", &config.odometry, settings)?;
+    config.localization = section("localization", &config.localization, settings)?;
+    config.localizer = section("localizer", &config.localizer, settings)?;
     config.mapper = section("mapper", &config.mapper, settings)?;
     config.publisher = section("publisher", &config.publisher, settings)?;
     Ok(config)
@@ -60,7 +62,11 @@ struct Draft {
 }
 
 /// `[services]`: what was written, and the default service for every role that nobody was given.
-pub(crate) fn services(settings: &[Setting], origins: &Origins) -> Result<BTreeMap<String, Service>, Vec<Problem>> {
+pub(crate) fn services(
+    settings: &[Setting],
+    origins: &Origins,
+    with_localizer: bool,
+) -> Result<BTreeMap<String, Service>, Vec<Problem>> {
     let mut drafts: BTreeMap<&str, Draft> = BTreeMap::new();
     for setting in settings {
         let [services, name, key @ ..] = setting.path.as_slice() else { continue };
@@ -92,7 +98,7 @@ pub(crate) fn services(settings: &[Setting], origins: &Origins) -> Result<BTreeM
         return Err(problems);
     }
     let played: BTreeSet<ServiceKind> = services.values().map(|service| service.kind).collect();
-    for (name, service) in default_services() {
+    for (name, service) in default_services(with_localizer) {
         // A name that is taken for another role leaves this one empty, which is told later.
         if !played.contains(&service.kind) {
             services.entry(name).or_insert(service);
@@ -103,7 +109,7 @@ pub(crate) fn services(settings: &[Setting], origins: &Origins) -> Result<BTreeM
 
 fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Problem> {
     let Some(kind) = draft.kind.or_else(|| ServiceKind::from_word(name)) else {
-        let message = "missing; expected one of sensor, odometry, mapper, publisher".to_owned();
+        let message = "missing; expected one of sensor, odometry, localizer, mapper, publisher".to_owned();
         return Err(Problem { origin: draft.origin, key: format!("services.{name}.kind"), value: None, message });
     };
     let exec = match draft.exec {

@@ -137,7 +137,7 @@ fn load(
     problems.extend(ranges::problems(&config, &origins));
     // What is wrong with the graph may only follow from a key that was refused.
     if problems.is_empty() {
-        match assemble::services(&settings, &origins) {
+        match assemble::services(&settings, &origins, config.localizer.is_served()) {
             Ok(services) => {
                 config.services = services;
                 problems.extend(roles::problems(&config, &origins));

@@ -8,6 +8,7 @@
 mod argument;
 mod assemble;
 mod files;
+mod interval;
 mod load;
 mod problem;
 mod ranges;
@@ -32,10 +33,13 @@ use std::collections::BTreeMap;
 
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig};
+use echogrid_core::localization::LocalizationConfig;
+use echogrid_localizer::config::LocalizerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use serde::{Deserialize, Serialize};
 
+pub use interval::Interval;
 pub use load::{Loaded, parse_graph};
 pub use problem::{ConfigError, Origin, Problem};
 pub use render::render;
@@ -57,6 +61,10 @@ pub struct Config {
     pub replay: ReplayConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
+    /// When an absolute localization is asked for.
+    pub localization: LocalizationConfig,
+    /// Who answers.
+    pub localizer: LocalizerConfig,
     /// The grid and the sensor model.
     pub mapper: MapperConfig,
     /// The files that a map is saved to.
@@ -70,9 +78,11 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             run: RunConfig::default(),
-            services: default_services(),
+            services: default_services(false),
             replay: ReplayConfig::default(),
             odometry: OdometryConfig::default(),
+            localization: LocalizationConfig::default(),
+            localizer: LocalizerConfig::default(),
             mapper: MapperConfig::default(),
             publisher: PublisherConfig::default(),
             robot: None,
@@ -84,6 +94,8 @@ impl Default for Config {
 #[derive(Serialize)]
 struct Provenance<'a> {
     odometry: &'a OdometryConfig,
+    localization: &'a LocalizationConfig,
+    localizer: &'a LocalizerConfig,
     mapper: &'a MapperConfig,
     #[serde(skip_serializing_if = "Option::is_none")]
     robot: Option<&'a Robot>,
@@ -114,14 +126,21 @@ impl Config {
         toml::from_str(text)
     }
 
-    /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`,
-    /// `[mapper]` and `[robot]`; no path, rate, domain or folder. Without a robot of its own,
+    /// Whether some process answers when the odometry asks where the robot is.
+    #[must_use]
+    pub fn has_localizer(&self) -> bool {
+        self.services.values().any(|service| service.kind == ServiceKind::Localizer)
+    }
+
+    /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`, `[localization]`,
+    /// `[localizer]`, `[mapper]` and `[robot]`; no path, rate, domain or folder. Without a robot of its own,
     /// the configuration leaves `[robot]` to the log, which is named as `robot` once it spoke.
     ///
     /// # Errors
     /// As [`Config::to_toml`].
     pub fn provenance_toml(&self, robot: Option<&Robot>) -> Result<String, ConfigError> {
         let robot = self.robot.as_ref().or(robot);
-        Ok(toml::to_string(&Provenance { odometry: &self.odometry, mapper: &self.mapper, robot })?)
+        let Self { odometry, localization, localizer, mapper, .. } = self;
+        Ok(toml::to_string(&Provenance { odometry, localization, localizer, mapper, robot })?)
     }
 }

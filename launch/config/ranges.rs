@@ -27,6 +27,8 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
         }));
     };
     add("odometry", refused(&config.odometry, |section| section.validate()));
+    add("localization", refused(&config.localization, |section| section.validate()));
+    add("localizer", refused(&config.localizer, |section| section.validate()));
     add("mapper", refused(&config.mapper, |section| section.validate()));
     add("publisher", refused(&config.publisher, |section| section.validate()));
     found.extend(config.robot.as_ref().and_then(|robot| absent_sonar(&config.mapper, robot, origins)));

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::argument;
+use super::interval::Interval;
 use super::reading::{Findings, Setting};
 use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind};
 use super::source::Source;
@@ -22,6 +23,10 @@ pub struct LoadRequest {
     pub domain: Option<String>,
     /// `--sensor`: the name of a built-in sensor, or an executable.
     pub sensor: Option<String>,
+    /// `--fix`: who says where the robot is.
+    pub fix: Option<String>,
+    /// `--fix-every`: metres or seconds, with their unit.
+    pub fix_every: Option<Interval>,
     /// The log to play.
     pub log: Option<String>,
     /// Each `--set key=value`; these have the last word.
@@ -45,11 +50,17 @@ impl LoadRequest {
             ("--out", "run.out", &self.out),
             ("--domain", "run.domain", &self.domain),
             ("--sensor", &sensor_key, &sensor),
+            ("--fix", "localizer.source", &self.fix),
             ("LOG", "replay.log", &self.log),
         ] {
             if let Some(value) = value {
                 found.add(argument::assign(key, value, &Source::argument(&format!("{flag} {value}"), Some(base))));
             }
+        }
+        if let Some(every) = &self.fix_every {
+            let source = Source::argument(&format!("--fix-every {every}"), Some(base));
+            found.add(argument::assign("localization.ask", "schedule", &source));
+            found.add(argument::assign(every.key(), &every.amount().to_string(), &source));
         }
         for set in &self.sets {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));

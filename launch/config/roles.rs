@@ -1,5 +1,7 @@
 //! Whether the services make a graph.
 
+use echogrid_core::localization::Ask;
+
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
@@ -11,16 +13,31 @@ const LAUNCHERS_OWN: [&str; 3] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGR
 /// What keeps the services from being a graph.
 pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     let counts = ServiceKind::ALL.into_iter().filter_map(|kind| count(config, kind));
+    let unasked = nobody_to_ask(config, origins);
     let each = config.services.iter().flat_map(|(name, service)| service_problems(name, service, origins));
-    counts.chain(each).collect()
+    counts.chain(unasked).chain(each).collect()
 }
 
-/// One sensor, one odometry, one mapper; publishers as many as wanted, but one.
+/// A schedule for localizations that nobody makes.
+fn nobody_to_ask(config: &Config, origins: &Origins) -> Option<Problem> {
+    let origin = ["ask", "every_m", "every_s"].into_iter().find_map(|key| {
+        let key = format!("localization.{key}");
+        origins.get(&key).map(|origin| (key, origin.clone()))
+    });
+    let (key, origin) = origin.filter(|_| {
+        let scheduled = matches!(config.localization.ask, Ask::Schedule | Ask::Both);
+        scheduled && !config.has_localizer()
+    })?;
+    let message = "who is to be asked? Name one: --fix truth, or localizer.source, or a service of kind localizer";
+    Some(Problem { origin: Some(origin), key, value: None, message: message.to_owned() })
+}
+
+/// One sensor, one odometry, one mapper; a localizer or none; publishers as many as wanted, but one.
 fn count(config: &Config, kind: ServiceKind) -> Option<Problem> {
     let of_kind = config.services.iter().filter(|(_, service)| service.kind == kind);
     let names: Vec<&str> = of_kind.map(|(name, _)| name.as_str()).collect();
     let message = match (kind, names.len()) {
-        (_, 1) | (ServiceKind::Publisher, 2..) => return None,
+        (_, 1) | (ServiceKind::Publisher, 2..) | (ServiceKind::Localizer, 0) => return None,
         (_, 0) => format!("the graph has no {kind}"),
         (_, n) => format!("the graph has {n} services of kind {kind} ({}), expected one", names.join(", ")),
     };

@@ -31,6 +31,8 @@ pub enum ServiceKind {
     Sensor,
     /// Says where the robot is, and how far that can be trusted.
     Odometry,
+    /// Answers when the odometry asks where the robot is. After the odometry, as it is needed until that has ended.
+    Localizer,
     /// Makes the grid.
     Mapper,
     /// Gives the grid to people and programs.
@@ -39,7 +41,7 @@ pub enum ServiceKind {
 
 impl ServiceKind {
     /// All of them, upstream to downstream.
-    pub const ALL: [Self; 4] = [Self::Sensor, Self::Odometry, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 5] = [Self::Sensor, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// As it is written; also the name of the default service of this kind.
     #[must_use]
@@ -47,6 +49,7 @@ impl ServiceKind {
         match self {
             Self::Sensor => "sensor",
             Self::Odometry => "odometry",
+            Self::Localizer => "localizer",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
         }
@@ -58,6 +61,7 @@ impl ServiceKind {
         match self {
             Self::Sensor => Builtin::Replay,
             Self::Odometry => Builtin::Odometry,
+            Self::Localizer => Builtin::Localizer,
             Self::Mapper => Builtin::Mapper,
             Self::Publisher => Builtin::Publisher,
         }
@@ -100,6 +104,8 @@ pub enum Builtin {
     Replay,
     /// Dead reckoning and its error.
     Odometry,
+    /// Absolute localizations.
+    Localizer,
     /// The grid.
     Mapper,
     /// Files for people and programs.
@@ -108,7 +114,7 @@ pub enum Builtin {
 
 impl Builtin {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Replay, Self::Odometry, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 5] = [Self::Replay, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]
@@ -116,6 +122,7 @@ impl Builtin {
         match self {
             Self::Replay => "replay",
             Self::Odometry => "odometry",
+            Self::Localizer => "localizer",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
         }
@@ -127,6 +134,7 @@ impl Builtin {
         match self {
             Self::Replay => ServiceKind::Sensor,
             Self::Odometry => ServiceKind::Odometry,
+            Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
             Self::Publisher => ServiceKind::Publisher,
         }
@@ -144,9 +152,9 @@ impl TryFrom<String> for Exec {
 
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
-            Some(name) => Builtin::from_name(name)
-                .map(Self::Builtin)
-                .ok_or(NotA("builtin:replay, builtin:odometry, builtin:mapper or builtin:publisher")),
+            Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
+                "builtin:replay, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
+            )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),
         }
@@ -171,14 +179,15 @@ impl fmt::Display for Exec {
     }
 }
 
-/// The graph of `echogrid map`: one service of each kind, named after it.
+/// The graph of `echogrid map`: one service of each kind, named after it; a localizer only where one is wanted.
 #[must_use]
-pub fn default_services() -> BTreeMap<String, Service> {
+pub fn default_services(with_localizer: bool) -> BTreeMap<String, Service> {
     let service = |kind: ServiceKind| Service {
         kind,
         exec: Exec::Builtin(kind.default_builtin()),
         args: Vec::new(),
         env: BTreeMap::new(),
     };
-    ServiceKind::ALL.into_iter().map(|kind| (kind.word().to_owned(), service(kind))).collect()
+    let wanted = ServiceKind::ALL.into_iter().filter(|kind| with_localizer || *kind != ServiceKind::Localizer);
+    wanted.map(|kind| (kind.word().to_owned(), service(kind))).collect()
 }

@@ -119,6 +119,7 @@ pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<S
         let inputs = match service.kind {
             ServiceKind::Sensor => &[][..],
             ServiceKind::Odometry => echogrid_odometry::INPUTS,
+            ServiceKind::Localizer => echogrid_localizer::INPUTS,
             ServiceKind::Mapper => echogrid_mapper::INPUTS,
             ServiceKind::Publisher => echogrid_publisher::INPUTS,
         };
@@ -361,7 +362,7 @@ impl Supervisor {
                 ServiceKind::Odometry => true,
                 // All poses have come; what may be missing is the end of the scans.
                 ServiceKind::Mapper => odometry_gone,
-                ServiceKind::Sensor | ServiceKind::Publisher => false,
+                ServiceKind::Sensor | ServiceKind::Localizer | ServiceKind::Publisher => false,
             };
             waits_for_sensor && p.health.as_ref().is_some_and(|h| h.state == ServiceState::Running)
         };

@@ -98,7 +98,8 @@ pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path) -> Ve
     let surveyed = log::survey(log).unwrap();
     let provenance = echogrid::commands::provenance(&config, Some(&surveyed)).unwrap();
     let mut sensor = Replay::new(&ReplayConfig { log: log.into() }, None).unwrap();
-    let mut odometry = OdometryService::new(&config.odometry, config.mapper.resolution_m).unwrap();
+    let mut odometry =
+        OdometryService::new(&config.odometry, config.mapper.resolution_m, &config.localization, false).unwrap();
     let mut mapper = MapperService::new(&config.mapper, &config.odometry).unwrap();
     let mut publisher = PublisherService::new(config.publisher.clone(), out.into(), provenance).unwrap();
     local::run(&mut sensor, &mut [&mut odometry, &mut mapper, &mut publisher]).unwrap();

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 
 use echogrid_core::config::{MapperConfig, OdometryConfig};
+use echogrid_core::localization::LocalizationConfig;
+use echogrid_localizer::config::LocalizerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use serde::{Deserialize, Serialize};
@@ -13,7 +15,7 @@ use super::super::service::ServiceKind;
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
-pub(crate) static GRAPH: &[&Section] = &[&RUN, &REPLAY, &ODOMETRY, &MAPPER, &PUBLISHER];
+pub(crate) static GRAPH: &[&Section] = &[&RUN, &REPLAY, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER];
 
 static RUN: Section = Section {
     name: "run",
@@ -89,6 +91,63 @@ pub(crate) static ODOMETRY: Section = Section {
     defaults: defaults::<OdometryConfig>,
 };
 
+static LOCALIZATION: Section = Section {
+    name: "localization",
+    about: "when an absolute localization is asked for, and what happens until it comes",
+    keys: &[
+        words(
+            "ask",
+            &["degraded", "schedule", "both", "never"],
+            "one of degraded, schedule, both, never",
+            "degraded: when readings can hardly decide a cell any more; schedule: every_m, every_s; both; never",
+        ),
+        key("every_m", "a number of metres", "metres by odometry from fix to fix; 0: not by way"),
+        key("every_s", "a number of seconds", "seconds by the sensor's clock from fix to fix; 0: not by time"),
+        key("retry_s", "a number of seconds", "seconds until it is asked again after an answer without a fix"),
+        key(
+            "degraded_trust",
+            "a number from 0 to 1",
+            "degraded while a reading of 2 m is trusted less; 0.43: where one reading can't make a cell occupied",
+        ),
+        words(
+            "hold",
+            &["auto", "always", "never"],
+            "one of auto, always, never",
+            "whether mapping holds while degraded; auto: if somebody can say where the robot is",
+        ),
+        words(
+            "wait",
+            &["auto", "always", "never"],
+            "one of auto, always, never",
+            "whether odometry waits for the answer; auto: behind a log or a simulator, not behind a robot",
+        ),
+    ],
+    probe: probe::<LocalizationConfig>,
+    defaults: defaults::<LocalizationConfig>,
+};
+
+static LOCALIZER: Section = Section {
+    name: "localizer",
+    about: "who says where the robot is, and how well",
+    keys: &[
+        words(
+            "source",
+            &["none", "operator", "truth"],
+            "one of none, operator, truth",
+            "none; operator: `echogrid fix`; truth: the sensor, if it is a simulator or a log with true poses",
+        ),
+        key(
+            "position_sigma_m",
+            "a number of metres",
+            "metres along each axis, standard deviation of the position told",
+        ),
+        key("heading_sigma_rad", "a number of radians", "radians, standard deviation of the heading told"),
+        key("seed", "a whole number from 0 to 9223372036854775807", "seed of these errors"),
+    ],
+    probe: probe::<LocalizerConfig>,
+    defaults: defaults::<LocalizerConfig>,
+};
+
 static MAPPER: Section = Section {
     name: "mapper",
     about: "the grid and the sensor model (eqs 13 to 23)",
@@ -154,13 +213,13 @@ static PUBLISHER: Section = Section {
 /// `[services.<name>]`.
 pub(crate) static SERVICE: Section = Section {
     name: "services",
-    about: "the processes: exactly one sensor, odometry and mapper, one publisher or more",
+    about: "the processes: exactly one sensor, odometry and mapper, a localizer or none, one publisher or more",
     keys: &[
         words(
             "kind",
-            &["sensor", "odometry", "mapper", "publisher"],
-            "one of sensor, odometry, mapper, publisher",
-            "its role: sensor, odometry, mapper or publisher",
+            &["sensor", "odometry", "localizer", "mapper", "publisher"],
+            "one of sensor, odometry, localizer, mapper, publisher",
+            "its role: sensor, odometry, localizer, mapper or publisher",
         ),
         text("exec", Text::MaybePath("/"), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
         key("args", "a list of strings", "arguments that it gets besides"),

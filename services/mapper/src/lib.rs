@@ -8,10 +8,12 @@ mod trajectory;
 use std::collections::VecDeque;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
-use echogrid_core::{GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, TileIndex, VerdictCounts};
+use anyhow::{Context, Result, bail};
+use echogrid_core::{
+    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, TileIndex, Verdict, VerdictCounts,
+};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::{MapInfo, Message, TileUpdate, Topic};
+use echogrid_topics::{Command, MapInfo, Message, TileUpdate, Topic};
 use trajectory::Trajectory;
 
 /// What it reads.
@@ -51,6 +53,8 @@ pub struct MapperService {
     waiting: VecDeque<Scan>,
     summary: RunningSummary,
     counts: VerdictCounts,
+    /// By the user.
+    paused: bool,
     scans: u64,
     revision: u64,
     stamp_ns: u64,
@@ -73,6 +77,7 @@ impl MapperService {
             waiting: VecDeque::new(),
             summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
+            paused: false,
             scans: 0,
             revision: 0,
             stamp_ns: 0,
@@ -102,7 +107,12 @@ impl MapperService {
         for reading in &scan.readings {
             let taken_ns = scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns));
             let estimate = self.trajectory.at(taken_ns);
-            let verdict = mapper.integrate(scan.sequence, reading, estimate.as_ref());
+            let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
+            let verdict = if held {
+                Verdict::Held
+            } else {
+                mapper.integrate(scan.sequence, reading, estimate.map(|(estimate, _)| estimate).as_ref())
+            };
             self.counts.add(verdict);
             verdicts.push((reading.transducer, verdict));
         }
@@ -140,6 +150,7 @@ impl MapperService {
 
     fn publish_info(&mut self, out: &mut Outbox, finished: bool) {
         let summary = self.mapper.as_ref().map(|mapper| self.summary.of(mapper.grid())).unwrap_or_default();
+        let latest = self.trajectory.latest();
         let info = MapInfo {
             revision: self.revision,
             scans: self.scans,
@@ -147,11 +158,14 @@ impl MapperService {
             cells_occupied: summary.occupied,
             cells_free: summary.free,
             entropy_bits: summary.entropy_bits,
-            trust: self.trajectory.trust(),
-            distance_m: self.trajectory.distance_m(),
+            trust: latest.map_or(1.0, |latest| latest.trust),
+            distance_m: latest.map_or(0.0, |latest| latest.distance_m),
             bounds: summary.bounds,
             verdicts: self.counts,
             finished,
+            degraded: latest.is_some_and(|latest| latest.degraded),
+            held: self.paused || latest.is_some_and(|latest| latest.hold),
+            fixes: latest.map_or(0, |latest| latest.estimate.fixes),
         };
         out.send(self.stamp_ns, Message::Info(info));
     }
@@ -193,6 +207,16 @@ impl Service for MapperService {
             }
         }
         Ok(())
+    }
+
+    fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {
+        let (paused, done, already) = match command {
+            Command::Pause => (true, "mapping pauses", "mapping was paused already"),
+            Command::Resume => (false, "mapping goes on", "mapping was not paused"),
+            _ => bail!("this service has nothing to {}", command.word()),
+        };
+        let changed = std::mem::replace(&mut self.paused, paused) != paused;
+        Ok(if changed { done } else { already }.to_owned())
     }
 }
 

@@ -25,16 +25,18 @@ impl Trajectory {
         self.estimates.back().is_some_and(|(last_ns, _)| *last_ns >= stamp_ns)
     }
 
-    /// The estimate at `stamp_ns`, interpolated; none before the first or after the last.
-    pub(crate) fn at(&self, stamp_ns: u64) -> Option<Estimate> {
+    /// The estimate at `stamp_ns`, interpolated, and whether mapping holds there; none before the first or after the last.
+    /// Where a fix rectified the estimate there are two of one stamp: the first belongs to what was before, the second to
+    /// what comes after, and nothing lies between them.
+    pub(crate) fn at(&self, stamp_ns: u64) -> Option<(Estimate, bool)> {
         let after = self.estimates.partition_point(|(estimate_ns, _)| *estimate_ns < stamp_ns);
         let (after_ns, later) = self.estimates.get(after)?;
         if *after_ns == stamp_ns {
-            return Some(later.estimate);
+            return Some((later.estimate, later.hold));
         }
         let (before_ns, earlier) = self.estimates.get(after.checked_sub(1)?)?;
         let fraction = (stamp_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
-        Some(earlier.estimate.interpolate(&later.estimate, fraction))
+        Some((earlier.estimate.interpolate(&later.estimate, fraction), earlier.hold))
     }
 
     /// Lets go of what no scan from `stamp_ns` on can need.
@@ -44,14 +46,9 @@ impl Trajectory {
         }
     }
 
-    /// Trust of the latest estimate; 1 before the first.
-    pub(crate) fn trust(&self) -> f64 {
-        self.estimates.back().map_or(1.0, |(_, estimate)| estimate.trust)
-    }
-
-    /// Distance travelled so far, metres.
-    pub(crate) fn distance_m(&self) -> f64 {
-        self.estimates.back().map_or(0.0, |(_, estimate)| estimate.distance_m)
+    /// The latest estimate.
+    pub(crate) fn latest(&self) -> Option<&PoseEstimate> {
+        self.estimates.back().map(|(_, estimate)| estimate)
     }
 }
 
@@ -62,7 +59,8 @@ mod tests {
     use super::*;
 
     fn at_x(x: f64) -> PoseEstimate {
-        PoseEstimate { estimate: Estimate::certain(Pose2::new(x, 0.0, 0.0)), trust: 1.0, distance_m: x }
+        let estimate = Estimate::certain(Pose2::new(x, 0.0, 0.0));
+        PoseEstimate { estimate, trust: 1.0, distance_m: x, degraded: false, hold: false }
     }
 
     fn trajectory(points: &[(u64, f64)]) -> Trajectory {
@@ -76,7 +74,7 @@ mod tests {
     #[test]
     fn poses_are_interpolated_between_estimates_and_nowhere_else() {
         let trajectory = trajectory(&[(100, 0.0), (200, 1.0), (400, 2.0)]);
-        let x = |stamp_ns| trajectory.at(stamp_ns).map(|estimate| estimate.pose.x);
+        let x = |stamp_ns| trajectory.at(stamp_ns).map(|(estimate, _)| estimate.pose.x);
         assert_eq!(x(100), Some(0.0));
         assert_eq!(x(150), Some(0.5));
         assert_eq!(x(350), Some(1.75));
@@ -95,8 +93,31 @@ mod tests {
     }
 
     #[test]
+    fn a_fix_is_a_step_and_no_slope() {
+        let mut trajectory = trajectory(&[(100, 0.0), (200, 1.0), (200, 11.0), (300, 12.0)]);
+        let x = |stamp_ns| trajectory.at(stamp_ns).map(|(estimate, _)| estimate.pose.x);
+        assert_eq!([x(150), x(200), x(201), x(250)], [Some(0.5), Some(1.0), Some(11.01), Some(11.5)]);
+        trajectory.forget_before(250);
+        assert_eq!(trajectory.at(201).map(|(estimate, _)| estimate.pose.x), Some(11.01));
+    }
+
+    #[test]
+    fn mapping_holds_until_the_fix() {
+        let mut trajectory = trajectory(&[(100, 0.0)]);
+        trajectory.push(200, PoseEstimate { hold: true, ..at_x(1.0) });
+        trajectory.push(300, PoseEstimate { hold: true, ..at_x(2.0) });
+        trajectory.push(300, at_x(5.0));
+        trajectory.push(400, at_x(6.0));
+        let holds = |stamp_ns| trajectory.at(stamp_ns).map(|(_, hold)| hold);
+        assert_eq!(
+            [150, 200, 250, 300, 301, 400].map(holds).map(Option::unwrap),
+            [false, true, true, true, false, false]
+        );
+    }
+
+    #[test]
     fn estimates_that_run_backwards_are_dropped() {
-        assert_eq!(trajectory(&[(100, 0.0), (200, 1.0), (150, 9.0)]).at(150).map(|e| e.pose.x), Some(0.5));
+        assert_eq!(trajectory(&[(100, 0.0), (200, 1.0), (150, 9.0)]).at(150).map(|(e, _)| e.pose.x), Some(0.5));
     }
 
     #[test]
@@ -104,6 +125,6 @@ mod tests {
         let mut trajectory = trajectory(&[(100, 0.0), (200, 1.0), (300, 2.0)]);
         trajectory.forget_before(250);
         assert_eq!(trajectory.at(150), None);
-        assert_eq!(trajectory.at(250).map(|e| e.pose.x), Some(1.5));
+        assert_eq!(trajectory.at(250).map(|(e, _)| e.pose.x), Some(1.5));
     }
 }

@@ -1,33 +1,29 @@
-//! Dead reckoning and the odometry error model (paper section 3.1): raw odometry in, pose
-//! estimates with their accumulated errors out, one for one.
+//! Dead reckoning and the odometry error model (paper section 3.1): raw odometry in, pose estimates with their accumulated
+//! errors out, one for one; and one more wherever an absolute localization rectifies them (section 4.1).
+
+mod history;
+mod nominal;
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
-use echogrid_core::{Odometry, OdometryConfig, Pose2, Robot, nominal_trust};
+use anyhow::{Context, Result, bail};
+use echogrid_core::localization::{Asking, Choice, Fix};
+use echogrid_core::{Estimate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::{Message, PoseEstimate, Topic};
+use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
+use history::History;
+use nominal::NominalSensor;
 
 /// What it reads.
-pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw];
+pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::LocalizationFix, Topic::OdometryRaw];
 /// What it writes.
-pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate];
+pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::LocalizationRequest];
 
-/// The sensor whose trust is reported: the widest cone the robot has, or the paper's sonar.
+/// A localization that was asked for and has not come.
 #[derive(Debug, Clone, Copy)]
-struct NominalSensor {
-    aperture_rad: f64,
-    range_error_ratio: f64,
-}
-
-impl NominalSensor {
-    fn of(robot: &Robot) -> Self {
-        let widest = robot.sensors.iter().max_by(|a, b| a.aperture_rad.total_cmp(&b.aperture_rad));
-        widest.map_or(Self { aperture_rad: core::f64::consts::FRAC_PI_6, range_error_ratio: 0.01 }, |sensor| Self {
-            aperture_rad: sensor.aperture_rad,
-            range_error_ratio: sensor.range_error_ratio,
-        })
-    }
+struct Asked {
+    id: u64,
+    stamp_ns: u64,
 }
 
 /// The odometry service.
@@ -36,24 +32,45 @@ pub struct OdometryService {
     odometry: Odometry,
     resolution_m: f64,
     sensor: NominalSensor,
-    last: Option<Pose2>,
+    /// Where the robot is now.
+    estimate: Option<Estimate>,
     distance_m: f64,
+    history: History,
+    /// None where nobody would answer.
+    asking: Option<Asking>,
+    requests: u64,
+    asked: Option<Asked>,
+    config: LocalizationConfig,
+    /// A fix of a time that odometry has not reached.
+    early: Option<(u64, Fix)>,
 }
 
 impl OdometryService {
-    /// From the configuration; `resolution_m` is the side of the map's cells, which bounds how
-    /// exact a reading can be.
+    /// From the configuration; `resolution_m` is the side of the map's cells, which bounds how exact a reading can be.
+    /// Where `has_localizer`, it asks for localizations; `auto` in `localization` means always.
     ///
     /// # Errors
     /// A value is out of range.
-    pub fn new(config: &OdometryConfig, resolution_m: f64) -> Result<Self> {
+    pub fn new(
+        config: &OdometryConfig,
+        resolution_m: f64,
+        localization: &LocalizationConfig,
+        has_localizer: bool,
+    ) -> Result<Self> {
         config.validate().context("[odometry]")?;
+        localization.validate().context("[localization]")?;
         Ok(Self {
             odometry: Odometry::new(config),
             resolution_m,
             sensor: NominalSensor::of(&Robot::default()),
-            last: None,
+            estimate: None,
             distance_m: 0.0,
+            history: History::default(),
+            asking: has_localizer.then(|| Asking::new(localization)),
+            requests: 0,
+            asked: None,
+            config: localization.clone(),
+            early: None,
         })
     }
 
@@ -62,10 +79,96 @@ impl OdometryService {
     /// # Errors
     /// A section is missing or wrong.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
-        let mapper: echogrid_core::MapperConfig = plan.section("mapper")?;
-        Self::new(&plan.section("odometry")?, mapper.resolution_m)
+        let mapper: MapperConfig = plan.section("mapper")?;
+        let has_localizer = !plan.consumers_of(Topic::LocalizationRequest).is_empty();
+        Self::new(&plan.section("odometry")?, mapper.resolution_m, &plan.section("localization")?, has_localizer)
+    }
+
+    fn moved(&mut self, stamp_ns: u64, raw: &RawOdometry, out: &mut Outbox) {
+        let before = self.estimate.map(|estimate| estimate.pose);
+        let estimate = self.odometry.step(raw.odom_from_base);
+        self.distance_m += before.map_or(0.0, |before: Pose2| before.distance_m(estimate.pose));
+        self.history.push(stamp_ns, raw.odom_from_base, &self.odometry);
+        let told = self.tell(stamp_ns, estimate, out);
+        if let Some((fix_ns, fix)) = self.early.filter(|(fix_ns, _)| *fix_ns <= stamp_ns) {
+            self.early = None;
+            self.rectify(fix_ns, &fix, out);
+        } else {
+            self.ask(stamp_ns, told, out);
+        }
+    }
+
+    /// Publishes where the robot is now, and how far to believe it.
+    fn tell(&mut self, stamp_ns: u64, estimate: Estimate, out: &mut Outbox) -> PoseEstimate {
+        self.estimate = Some(estimate);
+        let trust = self.sensor.trust(&estimate.errors, self.resolution_m);
+        let degraded = trust < self.config.degraded_trust;
+        let hold = degraded && self.config.hold.resolve(self.asking.is_some());
+        let told = PoseEstimate { estimate, trust, distance_m: self.distance_m, degraded, hold };
+        out.send(stamp_ns, Message::Estimate(told.clone()));
+        told
+    }
+
+    /// Asks for an absolute localization if it is time for one.
+    fn ask(&mut self, stamp_ns: u64, estimate: PoseEstimate, out: &mut Outbox) {
+        let Some(asking) = &mut self.asking else { return };
+        // Who does not wait for an answer does not wait for ever either.
+        let given_up = self.asked.is_some_and(|asked| stamp_ns.saturating_sub(asked.stamp_ns) > ANSWER_WITHIN_NS);
+        if self.asked.is_some() && !given_up {
+            return;
+        }
+        if let Some(reason) = asking.reason(stamp_ns, self.distance_m, estimate.degraded) {
+            self.requests += 1;
+            self.asked = Some(Asked { id: self.requests, stamp_ns });
+            let request = LocalizationRequest { id: self.requests, estimate, reason };
+            out.send(stamp_ns, Message::Request(Box::new(request)));
+        }
+    }
+
+    fn answered(&mut self, stamp_ns: u64, answer: LocalizationFix, out: &mut Outbox) {
+        let mine = self.asked.filter(|asked| asked.id == answer.request);
+        if answer.request != 0 && mine.is_none() {
+            // Of a request that was given up, or of another life.
+            return;
+        }
+        if mine.is_some() {
+            self.asked = None;
+        }
+        match (answer.fix, self.history.latest_ns()) {
+            (None, latest_ns) => {
+                if let Some(asking) = &mut self.asking {
+                    asking.failed(latest_ns.unwrap_or(stamp_ns));
+                }
+            }
+            (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.rectify(stamp_ns, &fix, out),
+            (Some(fix), _) => self.early = Some((stamp_ns, fix)),
+        }
+    }
+
+    /// Applies a fix when it was true, and publishes what that makes of the present.
+    fn rectify(&mut self, fix_ns: u64, fix: &Fix, out: &mut Outbox) {
+        let rectified = self.history.apply(fix_ns, fix);
+        let now_ns = self.history.latest_ns().unwrap_or(fix_ns);
+        match rectified {
+            Ok((odometry, estimate)) => {
+                self.odometry = odometry;
+                if let Some(asking) = &mut self.asking {
+                    asking.fixed(now_ns, self.distance_m);
+                }
+                self.tell(now_ns, estimate, out);
+            }
+            Err(error) => {
+                tracing::warn!(%error, "localization refused");
+                if let Some(asking) = &mut self.asking {
+                    asking.failed(now_ns);
+                }
+            }
+        }
     }
 }
+
+/// A request that nobody answered is made again after this, by the sensor's clock (where the odometry does not wait).
+const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
 
 impl Service for OdometryService {
     fn inputs(&self) -> &'static [Topic] {
@@ -76,22 +179,33 @@ impl Service for OdometryService {
         OUTPUTS
     }
 
+    fn is_ready_for(&self, topic: Topic) -> bool {
+        topic != Topic::OdometryRaw || self.asked.is_none() || self.config.wait == Choice::Never
+    }
+
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
         let Input::Message { stamp_ns, message, .. } = input else { return Ok(()) };
         match message {
             Message::Robot(robot) => self.sensor = NominalSensor::of(&robot),
-            Message::Odometry(raw) => {
-                let estimate = self.odometry.step(raw.odom_from_base);
-                let NominalSensor { aperture_rad, range_error_ratio } = self.sensor;
-                let trust = nominal_trust(&estimate.errors, aperture_rad, range_error_ratio, self.resolution_m);
-                self.distance_m += self.last.map_or(0.0, |last| last.distance_m(estimate.pose));
-                self.last = Some(estimate.pose);
-                let distance_m = self.distance_m;
-                out.send(stamp_ns, Message::Estimate(PoseEstimate { estimate, trust, distance_m }));
-            }
+            Message::Odometry(raw) => self.moved(stamp_ns, &raw, out),
+            Message::Fix(answer) => self.answered(stamp_ns, answer, out),
             _ => {}
         }
         Ok(())
+    }
+
+    fn command(&mut self, command: Command, out: &mut Outbox) -> Result<String> {
+        let Command::Fix(fix) = command else { bail!("this service has nothing to {}", command.word()) };
+        fix.validate()?;
+        let Some(now_ns) = self.history.latest_ns() else { bail!("no odometry has come yet that could be rectified") };
+        let before = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
+        self.rectify(now_ns, &fix, out);
+        let after = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
+        Ok(format!(
+            "localized, {:.2} m and {:.1}° from where the robot was believed to be",
+            before.distance_m(after),
+            echogrid_core::wrap_angle(after.theta - before.theta).abs().to_degrees()
+        ))
     }
 }
 
@@ -99,4 +213,108 @@ impl Service for OdometryService {
 #[must_use]
 pub fn main() -> ExitCode {
     process::run("odometry", INPUTS, OUTPUTS, OdometryService::from_plan)
+}
+
+#[cfg(test)]
+mod tests {
+    use echogrid_core::localization::Ask;
+
+    use super::*;
+
+    const TENTH: u64 = 100_000_000;
+
+    fn service(localization: &LocalizationConfig) -> OdometryService {
+        OdometryService::new(&OdometryConfig::default(), 0.05, localization, true).unwrap()
+    }
+
+    fn every_metre() -> LocalizationConfig {
+        LocalizationConfig { ask: Ask::Schedule, every_m: 1.0, ..LocalizationConfig::default() }
+    }
+
+    fn give(service: &mut OdometryService, stamp_ns: u64, message: Message) -> Vec<Message> {
+        let mut out = Outbox::default();
+        service.step(Input::Message { sequence: 1, stamp_ns, message }, &mut out).unwrap();
+        std::iter::from_fn(|| out.pop().map(|(_, message)| message)).collect()
+    }
+
+    fn drive(service: &mut OdometryService, index: u64) -> Vec<Message> {
+        let odom_from_base = Pose2::new(0.1 * index as f64, 0.0, 0.0);
+        give(service, index * TENTH, Message::Odometry(RawOdometry { odom_from_base, v_mps: 1.0, w_radps: 0.0 }))
+    }
+
+    fn answer(request: u64, fix: Option<Fix>) -> Message {
+        Message::Fix(LocalizationFix { request, fix })
+    }
+
+    #[test]
+    fn waits_for_what_it_asked_for_and_goes_on_from_there() {
+        let mut service = service(&every_metre());
+        let requests = (0..=10).flat_map(|index| drive(&mut service, index)).filter_map(|message| match message {
+            Message::Request(request) => Some(request.id),
+            _ => None,
+        });
+        assert_eq!(requests.collect::<Vec<_>>(), [1]);
+        assert!(!service.is_ready_for(Topic::OdometryRaw) && service.is_ready_for(Topic::LocalizationFix));
+        // An answer to somebody else changes nothing.
+        assert!(give(&mut service, 10 * TENTH, answer(7, Some(Fix::certain(Pose2::IDENTITY)))).is_empty());
+        let fixed = give(&mut service, 10 * TENTH, answer(1, Some(Fix::certain(Pose2::new(0.9, 0.2, 0.0)))));
+        let [Message::Estimate(fixed)] = fixed.as_slice() else { panic!("{fixed:?}") };
+        assert_eq!((fixed.estimate.pose, fixed.trust, fixed.estimate.fixes), (Pose2::new(0.9, 0.2, 0.0), 1.0, 1));
+        assert!(service.is_ready_for(Topic::OdometryRaw));
+        // A jump is no way.
+        assert!((fixed.distance_m - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn without_a_fix_it_asks_again_later() {
+        let mut service = service(&every_metre());
+        (0..=10).for_each(|index| drop(drive(&mut service, index)));
+        assert!(give(&mut service, 10 * TENTH, answer(1, None)).is_empty());
+        for index in 11..20 {
+            assert_eq!(drive(&mut service, index).len(), 1, "{index}");
+        }
+        assert!(matches!(drive(&mut service, 20).as_slice(), [Message::Estimate(_), Message::Request(_)]));
+    }
+
+    #[test]
+    fn a_late_answer_changes_the_way_since() {
+        let live = LocalizationConfig { wait: Choice::Never, ..every_metre() };
+        let mut service = service(&live);
+        (0..=10).for_each(|index| drop(drive(&mut service, index)));
+        assert!(service.is_ready_for(Topic::OdometryRaw));
+        (11..=14).for_each(|index| assert_eq!(drive(&mut service, index).len(), 1));
+        let now = give(&mut service, 10 * TENTH, answer(1, Some(Fix::certain(Pose2::new(1.0, 0.5, 0.0)))));
+        let [Message::Estimate(now)] = now.as_slice() else { panic!("{now:?}") };
+        assert!(now.estimate.pose.distance_m(Pose2::new(1.4, 0.5, 0.0)) < 1e-9);
+        assert!((now.estimate.travel_m - 0.4).abs() < 1e-9);
+    }
+
+    #[test]
+    fn degraded_holds_where_somebody_can_mend_it() {
+        let held = |has_localizer, hold| {
+            let config = LocalizationConfig { hold, ask: Ask::Never, ..LocalizationConfig::default() };
+            let mut service = OdometryService::new(&OdometryConfig::default(), 0.05, &config, has_localizer).unwrap();
+            (0..400).for_each(|index| drop(drive(&mut service, index)));
+            let [Message::Estimate(last)] = &drive(&mut service, 400)[..] else { panic!() };
+            (last.degraded, last.hold)
+        };
+        assert_eq!(held(true, Choice::Auto), (true, true));
+        assert_eq!(held(false, Choice::Auto), (true, false));
+        assert_eq!(held(false, Choice::Always), (true, true));
+        assert_eq!(held(true, Choice::Never), (true, false));
+    }
+
+    #[test]
+    fn the_user_knows_where_the_robot_is() {
+        let mut service = service(&LocalizationConfig::default());
+        let mut out = Outbox::default();
+        let fix = Command::Fix(Fix::certain(Pose2::new(5.0, 0.0, 0.0)));
+        assert!(service.command(fix, &mut out).unwrap_err().to_string().contains("no odometry"));
+        drive(&mut service, 0);
+        assert!(service.command(fix, &mut out).unwrap().contains("5.00 m"));
+        assert!(matches!(out.pop(), Some((0, Message::Estimate(told))) if told.estimate.pose.x == 5.0));
+        let nowhere = Command::Fix(Fix::certain(Pose2 { x: f64::NAN, ..Pose2::IDENTITY }));
+        assert!(service.command(nowhere, &mut out).is_err() && out.is_empty());
+        assert!(service.command(Command::Save, &mut out).is_err());
+    }
 }

@@ -5,7 +5,7 @@ pub mod config;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
 use echogrid_formats::map::{MapDocument, MapFiles, PathPoint, Provenance};
@@ -118,14 +118,11 @@ impl Service for PublisherService {
         Ok(())
     }
 
-    fn command(&mut self, command: Command) -> Result<String> {
-        match command {
-            Command::Save => {
-                ensure!(self.grid.is_some(), "there is no map yet");
-                self.save()?;
-                Ok(format!("saved in {}", self.out.display()))
-            }
-        }
+    fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {
+        let Command::Save = command else { bail!("this service has nothing to {}", command.word()) };
+        ensure!(self.grid.is_some(), "there is no map yet");
+        self.save()?;
+        Ok(format!("saved in {}", self.out.display()))
     }
 }
 

@@ -1,18 +1,20 @@
 //! A recorded drive as a sensor of the graph.
 
 pub mod config;
+mod truth;
 
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use config::ReplayConfig;
 use echogrid_core::Robot;
-use echogrid_formats::log::{self, LogEvent, LogReader, LogSurvey};
+use echogrid_formats::log::{self, LogEvent, LogSurvey};
 use echogrid_service::{Plan, Sensor, process};
-use echogrid_topics::{Message, RawOdometry, Topic};
+use echogrid_topics::{Message, RawOdometry, Topic, TruePose};
+use truth::Ahead;
 
 /// What it writes.
-pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
+pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
 
 /// Plays a log.
 #[derive(Debug)]
@@ -20,7 +22,9 @@ pub struct Replay {
     /// Goes out first.
     robot: Option<Robot>,
     survey: LogSurvey,
-    events: LogReader,
+    events: Ahead,
+    /// The odometry whose true pose went out just now.
+    waiting: Option<(u64, Message)>,
 }
 
 impl Replay {
@@ -31,8 +35,9 @@ impl Replay {
     /// The log can't be read, or nothing can be mapped from it.
     pub fn new(config: &ReplayConfig, robot: Option<Robot>) -> Result<Self> {
         let survey = log::survey(&config.log)?;
-        let events = log::open(&config.log, &survey)?;
-        Ok(Self { robot: Some(robot.unwrap_or_else(|| survey.robot.clone())), survey, events })
+        let events = Ahead::new(log::open(&config.log, &survey)?);
+        let robot = Some(robot.unwrap_or_else(|| survey.robot.clone()));
+        Ok(Self { robot, survey, events, waiting: None })
     }
 
     /// From the plan of a run.
@@ -45,6 +50,13 @@ impl Replay {
     }
 }
 
+impl Replay {
+    /// Whether the log says where the robot really was.
+    fn knows_truth(&self) -> bool {
+        self.survey.true_pose_count > 0
+    }
+}
+
 impl Sensor for Replay {
     fn outputs(&self) -> &'static [Topic] {
         OUTPUTS
@@ -54,13 +66,22 @@ impl Sensor for Replay {
         if let Some(robot) = self.robot.take() {
             return Ok(Some((self.survey.first_stamp_ns, Message::Robot(robot))));
         }
-        for event in self.events.by_ref() {
-            match event.context("reading the log")? {
+        if let Some(odometry) = self.waiting.take() {
+            return Ok(Some(odometry));
+        }
+        while let Some(event) = self.events.next().context("reading the log")? {
+            match event {
                 LogEvent::Odometry { stamp_ns, odom_from_base, v_mps, w_radps } => {
-                    return Ok(Some((stamp_ns, Message::Odometry(RawOdometry { odom_from_base, v_mps, w_radps }))));
+                    let odometry = (stamp_ns, Message::Odometry(RawOdometry { odom_from_base, v_mps, w_radps }));
+                    if !self.knows_truth() {
+                        return Ok(Some(odometry));
+                    }
+                    self.waiting = Some(odometry);
+                    let map_from_base = self.events.truth_at(stamp_ns).context("reading the log")?;
+                    return Ok(Some((stamp_ns, Message::TruePose(TruePose { map_from_base }))));
                 }
                 LogEvent::Scan { stamp_ns, readings } => return Ok(Some((stamp_ns, Message::Scan(readings)))),
-                // Where the robot really was is not for the mapper to know.
+                // Given with the odometry, at its stamps.
                 LogEvent::TruePose { .. } => {}
             }
         }
@@ -68,7 +89,8 @@ impl Sensor for Replay {
     }
 
     fn total(&self) -> Option<u64> {
-        Some(self.survey.odometry_count + self.survey.scan_count + 1)
+        let true_poses = if self.knows_truth() { self.survey.odometry_count } else { 0 };
+        Some(self.survey.odometry_count + true_poses + self.survey.scan_count + 1)
     }
 }
 

@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::angle::wrap_angle;
 use crate::config::{OdometryConfig, Systematic};
+use crate::localization::{Fix, FixError};
 use crate::pose::Pose2;
 
 /// A step of the robot, as seen from the robot: metres along and across the heading half-way through the turn.
@@ -199,13 +200,15 @@ impl Estimate {
 pub struct Odometry {
     model: ErrorModel,
     last: Option<(Pose2, Estimate)>,
+    /// What the last fix left open: variances that no way adds to, m² and rad².
+    left_open: (f64, f64),
 }
 
 impl Odometry {
     /// Before the first pose.
     #[must_use]
     pub fn new(config: &OdometryConfig) -> Self {
-        Self { model: ErrorModel::new(config), last: None }
+        Self { model: ErrorModel::new(config), last: None, left_open: (0.0, 0.0) }
     }
 
     /// The estimate at the next pose that the drive reports. The first pose is taken as it stands as the map pose.
@@ -227,6 +230,57 @@ impl Odometry {
         estimate
     }
 
+    /// The estimate, corrected by an absolute localization of where the robot is now: "odometry error goes to zero here"
+    /// (Fig. 13). What is known replaces what was believed; the doubt that is left is that of the fix, which stays in ε_lin
+    /// and ε_ang until the next one. Λ begins again with a position, Θ with a heading.
+    ///
+    /// # Errors
+    /// The fix can't be one, or no pose has come yet that it could correct.
+    pub fn apply(&mut self, fix: &Fix) -> Result<Estimate, FixError> {
+        fix.validate()?;
+        let Some((odom_from_base, before)) = self.last else {
+            return Err(FixError {
+                field: "fix",
+                value: "too early".to_owned(),
+                expected: "an odometry pose before it",
+            });
+        };
+        let mut after = Estimate { fixes: before.fixes.saturating_add(1), ..before };
+        let known = [fix.position_known, fix.position_known, fix.heading_known];
+        for (row, row_known) in known.into_iter().enumerate() {
+            for (column, column_known) in known.into_iter().enumerate() {
+                after.covariance[(row, column)] = match (row_known, column_known) {
+                    (true, true) => fix.covariance[(row, column)],
+                    (false, false) => before.covariance[(row, column)],
+                    // The fix knows nothing of how the rest was off.
+                    _ => 0.0,
+                };
+            }
+        }
+        if fix.position_known {
+            (after.pose.x, after.pose.y, after.travel_m) = (fix.pose.x, fix.pose.y, 0.0);
+            self.left_open.0 = 0.5 * (fix.covariance[(0, 0)] + fix.covariance[(1, 1)]);
+        }
+        if fix.heading_known {
+            (after.pose.theta, after.turn_rad) = (wrap_angle(fix.pose.theta), 0.0);
+            self.left_open.1 = fix.covariance[(2, 2)];
+        }
+        after.errors = self.errors(after.travel_m, after.turn_rad);
+        self.last = Some((odom_from_base, after));
+        Ok(after)
+    }
+
+    /// Eqs 1–4 since the last fix, and what that left open.
+    fn errors(&self, travel_m: f64, turn_rad: f64) -> OdometryErrors {
+        let errors = self.model.errors(travel_m, turn_rad);
+        let (lin_m2, ang_rad2) = self.left_open;
+        OdometryErrors {
+            eps_lin_m2: errors.eps_lin_m2 + lin_m2,
+            eps_ang_rad2: errors.eps_ang_rad2 + ang_rad2,
+            ..errors
+        }
+    }
+
     fn moved(&self, before: &Estimate, measured: Increment) -> Estimate {
         let step = self.model.believed(measured);
         let travel_m = before.travel_m + step.length_m();
@@ -236,7 +290,7 @@ impl Odometry {
             covariance: self.model.propagate(&before.covariance, before.pose, step),
             travel_m,
             turn_rad,
-            errors: self.model.errors(travel_m, turn_rad),
+            errors: self.errors(travel_m, turn_rad),
             fixes: before.fixes,
         }
     }
@@ -322,6 +376,40 @@ mod tests {
         let next = odometry.step(Pose2::new(1.0, 0.0, 0.0));
         assert!(close(next.pose, Pose2::new(1.0, 0.0, 0.0)));
         assert!((next.travel_m - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_fix_sets_the_errors_back() {
+        let mut odometry = Odometry::new(&config(Systematic::Carry));
+        assert_eq!(odometry.apply(&Fix::certain(Pose2::IDENTITY)).unwrap_err().value, "too early");
+        odometry.step(Pose2::new(5.0, 5.0, 0.0));
+        odometry.step(Pose2::new(8.0, 5.0, 0.4));
+        let fixed = odometry.apply(&Fix::certain(Pose2::new(7.5, 5.2, 0.5))).unwrap();
+        assert_eq!(fixed, Estimate { fixes: 1, ..Estimate::certain(Pose2::new(7.5, 5.2, 0.5)) });
+        // From there on by the steps of the drive, seen from the corrected heading.
+        let next = odometry.step(Pose2::new(8.0 + libm::cos(0.4), 5.0 + libm::sin(0.4), 0.4));
+        assert!(close(next.pose, Pose2::new(7.5 + libm::cos(0.5), 5.2 + libm::sin(0.5), 0.5)));
+        assert!((next.travel_m - 1.0).abs() < 1e-12 && next.fixes == 1);
+    }
+
+    #[test]
+    fn what_a_fix_leaves_open_stays() {
+        let mut odometry = Odometry::new(&config(Systematic::Off));
+        odometry.step(Pose2::IDENTITY);
+        odometry.step(Pose2::new(10.0, 0.0, 0.0));
+        let fixed = odometry.apply(&Fix::about(Pose2::new(9.0, 0.0, 0.0), 0.1, 0.02)).unwrap();
+        assert!((fixed.errors.eps_lin_m2 - 0.01).abs() < 1e-15 && (fixed.errors.eps_ang_rad2 - 4e-4).abs() < 1e-15);
+        let next = odometry.step(Pose2::new(11.0, 0.0, 0.0));
+        assert!((next.errors.eps_lin_m2 - 0.01 - 4e-4).abs() < 1e-15);
+        // Position only: heading, its doubt and Θ stay.
+        odometry.step(Pose2::new(11.0, 0.0, 1.0));
+        let place = Fix { heading_known: false, ..Fix::certain(Pose2::new(3.0, 4.0, f64::from(9_u8))) };
+        let fixed = odometry.apply(&place).unwrap();
+        assert!(close(fixed.pose, Pose2::new(3.0, 4.0, 1.0)));
+        assert!((fixed.turn_rad - 1.0).abs() < 1e-12 && fixed.travel_m == 0.0);
+        assert!(fixed.covariance[(2, 2)] > 0.0 && fixed.covariance[(0, 2)] == 0.0);
+        let refused = Fix { covariance: -nalgebra::Matrix3::identity(), ..place };
+        assert!(odometry.apply(&refused).is_err());
     }
 
     #[test]

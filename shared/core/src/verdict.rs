@@ -22,11 +22,13 @@ pub enum Verdict {
     NoPose = 7,
     /// Its cone lies outside what a map can hold.
     OffMap = 8,
+    /// Mapping was on hold: until the next absolute localization, or because the user paused it.
+    Held = 9,
 }
 
 impl Verdict {
     /// How many verdicts there are.
-    pub const COUNT: usize = 9;
+    pub const COUNT: usize = 10;
 
     /// All of them, in the order of their codes.
     pub const ALL: [Self; Self::COUNT] = [
@@ -39,6 +41,7 @@ impl Verdict {
         Self::Untrusted,
         Self::NoPose,
         Self::OffMap,
+        Self::Held,
     ];
 
     /// Its code on the wire and in files.
@@ -66,6 +69,7 @@ impl Verdict {
             Self::Untrusted => "untrusted",
             Self::NoPose => "no_pose",
             Self::OffMap => "off_map",
+            Self::Held => "held",
         }
     }
 
@@ -82,6 +86,7 @@ impl Verdict {
             Self::Untrusted => "the odometry is too uncertain for it to move a cell",
             Self::NoPose => "it is not known where the robot was",
             Self::OffMap => "its cone lies outside what a map can hold",
+            Self::Held => "mapping was on hold, until the next absolute localization or by hand",
         }
     }
 }
@@ -152,12 +157,13 @@ mod tests {
             (6, "untrusted"),
             (7, "no_pose"),
             (8, "off_map"),
+            (9, "held"),
         ];
         assert_eq!(codes, recorded);
         for verdict in Verdict::ALL {
             assert_eq!(Verdict::from_code(verdict.code()), Some(verdict));
         }
-        assert_eq!(Verdict::from_code(9), None);
+        assert_eq!(Verdict::from_code(10), None);
     }
 
     #[test]

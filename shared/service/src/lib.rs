@@ -52,11 +52,25 @@ pub trait Service {
     /// The service can't go on; the graph is stopped with this error.
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()>;
 
+    /// Whether a message of this topic is welcome now. One that is not waits where it is, and its producer with it, until
+    /// the service has taken a message of another topic and thinks otherwise: so an answer can be waited for.
+    fn is_ready_for(&self, topic: Topic) -> bool {
+        let _ = topic;
+        true
+    }
+
+    /// Whether the service goes on until this stream has ended.
+    fn outlives(&self, topic: Topic) -> bool {
+        let _ = topic;
+        true
+    }
+
     /// Carries out an order of the user: what was done, in words.
     ///
     /// # Errors
     /// Why not, in words. The service goes on.
-    fn command(&mut self, command: Command) -> Result<String> {
+    fn command(&mut self, command: Command, out: &mut Outbox) -> Result<String> {
+        let _ = out;
         anyhow::bail!("this service has nothing to {}", command.word())
     }
 }
@@ -66,8 +80,8 @@ pub trait Sensor {
     /// Topics it writes; the robot description comes first.
     fn outputs(&self) -> &'static [Topic];
 
-    /// The next message in order of stamps (messages of equal stamp: odometry before readings), or
-    /// none at the end.
+    /// The next message in order of stamps, or none at the end. Of equal stamps the true pose comes before the odometry
+    /// (see [`echogrid_topics::TruePose`]) and that before the readings.
     ///
     /// # Errors
     /// The source is broken; what came before is kept.
@@ -76,6 +90,14 @@ pub trait Sensor {
     /// How many messages there will be in all, if known.
     fn total(&self) -> Option<u64> {
         None
+    }
+
+    /// Carries out an order of the user: what was done, in words.
+    ///
+    /// # Errors
+    /// Why not, in words. The sensor goes on.
+    fn command(&mut self, command: Command) -> Result<String> {
+        anyhow::bail!("this sensor has nothing to {}", command.word())
     }
 }
 

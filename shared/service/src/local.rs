@@ -15,7 +15,8 @@ use crate::{Input, Outbox, Sensor, Service};
 /// # Errors
 /// The first error of the sensor or a service.
 pub fn run(sensor: &mut dyn Sensor, services: &mut [&mut dyn Service]) -> Result<()> {
-    let mut graph = Graph { services, sequences: BTreeMap::new(), queue: VecDeque::new() };
+    let inboxes = services.iter().map(|_| VecDeque::new()).collect();
+    let mut graph = Graph { services, sequences: BTreeMap::new(), inboxes };
     while let Some((stamp_ns, message)) = sensor.next()? {
         graph.send(stamp_ns, message);
         graph.settle()?;
@@ -32,14 +33,19 @@ pub fn run(sensor: &mut dyn Sensor, services: &mut [&mut dyn Service]) -> Result
 struct Graph<'a, 'b> {
     services: &'a mut [&'b mut dyn Service],
     sequences: BTreeMap<Topic, u64>,
-    queue: VecDeque<(u64, u64, Message)>,
+    /// What each service has been sent and not taken yet: sequence, stamp, message.
+    inboxes: Vec<VecDeque<(u64, u64, Message)>>,
 }
 
 impl Graph<'_, '_> {
     fn send(&mut self, stamp_ns: u64, message: Message) {
         let sequence = self.sequences.entry(message.topic()).or_insert(0);
         *sequence += 1;
-        self.queue.push_back((*sequence, stamp_ns, message));
+        for (service, inbox) in self.services.iter().zip(&mut self.inboxes) {
+            if service.inputs().contains(&message.topic()) {
+                inbox.push_back((*sequence, stamp_ns, message.clone()));
+            }
+        }
     }
 
     fn collect(&mut self, mut out: Outbox) {
@@ -48,17 +54,28 @@ impl Graph<'_, '_> {
         }
     }
 
+    /// Steps the services until none takes anything more.
     fn settle(&mut self) -> Result<()> {
-        while let Some((sequence, stamp_ns, message)) = self.queue.pop_front() {
+        let mut stepped = true;
+        while stepped {
+            stepped = false;
             for index in 0..self.services.len() {
-                if self.services[index].inputs().contains(&message.topic()) {
-                    let mut out = Outbox::default();
-                    let input = Input::Message { sequence, stamp_ns, message: message.clone() };
-                    self.services[index].step(input, &mut out)?;
-                    self.collect(out);
-                }
+                stepped |= self.step(index)?;
             }
         }
         Ok(())
+    }
+
+    /// Gives a service the oldest message that is welcome, if there is one.
+    fn step(&mut self, index: usize) -> Result<bool> {
+        let (service, inbox) = (&mut self.services[index], &mut self.inboxes[index]);
+        let welcome = inbox.iter().position(|(_, _, message)| service.is_ready_for(message.topic()));
+        let Some((sequence, stamp_ns, message)) = welcome.and_then(|place| inbox.remove(place)) else {
+            return Ok(false);
+        };
+        let mut out = Outbox::default();
+        service.step(Input::Message { sequence, stamp_ns, message }, &mut out)?;
+        self.collect(out);
+        Ok(true)
     }
 }

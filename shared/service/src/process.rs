@@ -80,17 +80,17 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     let mut patience = Duration::ZERO;
     while runtime.stop().is_none() {
         runtime.attend(patience)?;
-        runtime.serve(|command| service.command(command))?;
+        runtime.serve(|command| service.command(command, &mut out))?;
         let mut steps = 0;
         while steps < BATCH && out.is_empty() {
-            let Some((header, message)) = runtime.take()? else { break };
+            let Some((header, message)) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
             let input = Input::Message { sequence: header.sequence, stamp_ns: header.stamp_ns, message };
             service.step(input, &mut out)?;
             runtime.flush(&mut out)?;
             steps += 1;
         }
         runtime.flush(&mut out)?;
-        if steps == 0 && out.is_empty() && runtime.inputs_ended() {
+        if steps == 0 && out.is_empty() && runtime.inputs_ended(|topic| service.outlives(topic)) {
             break;
         }
         // Nothing to read, or no room to write: the next event is what to wait for.
@@ -114,7 +114,7 @@ fn catch_up(runtime: &mut Runtime, service: &mut impl Service, out: &mut Outbox)
             patience = deadline.saturating_duration_since(Instant::now());
             continue;
         }
-        let Some((header, message)) = runtime.take()? else { break };
+        let Some((header, message)) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
         service.step(Input::Message { sequence: header.sequence, stamp_ns: header.stamp_ns, message }, out)?;
         patience = Duration::ZERO;
     }
@@ -129,7 +129,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
     let mut patience = Duration::ZERO;
     'playing: while runtime.stop().is_none() {
         runtime.attend(patience)?;
-        runtime.serve(|command| anyhow::bail!("a sensor has nothing to {}", command.word()))?;
+        runtime.serve(|command| sensor.command(command))?;
         patience = Duration::ZERO;
         for _ in 0..BATCH {
             let (stamp_ns, message) = match waiting.take() {

@@ -157,13 +157,13 @@ impl Runtime {
         self.stop
     }
 
-    /// The next message of any input; the robot description before all others.
+    /// The next message of any input that is `welcome`; the robot description before all others.
     ///
     /// # Errors
     /// Shared memory refuses.
-    pub fn take(&mut self) -> Result<Option<(Header, Message)>> {
+    pub fn take(&mut self, welcome: impl Fn(Topic) -> bool) -> Result<Option<(Header, Message)>> {
         for index in 0..self.sources.len() {
-            loop {
+            while welcome(self.sources[index].port.topic()) {
                 let source = &mut self.sources[index];
                 match source.port.receive()? {
                     Some(Received::Message(header, message)) => {
@@ -217,11 +217,11 @@ impl Runtime {
         Ok(())
     }
 
-    /// Whether every input stream has ended.
+    /// Whether every input stream that `counts` has ended.
     #[must_use]
-    pub fn inputs_ended(&self) -> bool {
-        let mut streams = self.sources.iter().filter(|s| s.port.topic().delivery() == Delivery::Lossless);
-        streams.all(|source| source.ended)
+    pub fn inputs_ended(&self, counts: impl Fn(Topic) -> bool) -> bool {
+        let mut topics = self.sources.iter().map(|source| (source.port.topic(), source.ended));
+        topics.all(|(topic, ended)| ended || topic.delivery() != Delivery::Lossless || !counts(topic))
     }
 
     /// Answers the user's orders.

@@ -6,6 +6,7 @@
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
+use echogrid_core::{Fix, Pose2};
 use iceoryx2::node::Node;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::listener::Listener;
@@ -27,11 +28,23 @@ type ClientPort = Client<ipc::Service, ControlRequestWire, (), ControlReplyWire,
 type ServerPort = Server<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
 
 /// What a service can be told.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// Save what you have.
-    Save = 1,
+    Save,
+    /// Map nothing until told to resume.
+    Pause,
+    /// Go on mapping.
+    Resume,
+    /// The robot is here now.
+    Fix(Fix),
+    /// Drive like this until told otherwise.
+    Drive {
+        /// Forward speed, m/s.
+        v_mps: f64,
+        /// Turn rate, rad/s, counter-clockwise.
+        w_radps: f64,
+    },
 }
 
 impl Command {
@@ -40,11 +53,37 @@ impl Command {
     pub fn word(self) -> &'static str {
         match self {
             Self::Save => "save",
+            Self::Pause => "pause",
+            Self::Resume => "resume",
+            Self::Fix(_) => "fix",
+            Self::Drive { .. } => "drive",
         }
     }
 
-    fn from_code(code: u32) -> Option<Self> {
-        (code == Self::Save as u32).then_some(Self::Save)
+    fn request(self, id: u64) -> ControlRequestWire {
+        let (command, arguments) = match self {
+            Self::Save => (1, [0.0; 5]),
+            Self::Pause => (2, [0.0; 5]),
+            Self::Resume => (3, [0.0; 5]),
+            Self::Fix(Fix { pose: Pose2 { x, y, theta }, covariance, .. }) => {
+                (5, [x, y, theta, covariance[(0, 0)].sqrt(), covariance[(2, 2)].sqrt()])
+            }
+            Self::Drive { v_mps, w_radps } => (6, [v_mps, w_radps, 0.0, 0.0, 0.0]),
+        };
+        ControlRequestWire { id, command, reserved: 0, arguments }
+    }
+
+    /// What a request says; its numbers are for whoever carries it out to check.
+    fn of(request: &ControlRequestWire) -> Option<Self> {
+        let [a, b, c, d, e] = request.arguments;
+        Some(match request.command {
+            1 => Self::Save,
+            2 => Self::Pause,
+            3 => Self::Resume,
+            5 => Self::Fix(Fix::about(Pose2 { x: a, y: b, theta: c }, d, e)),
+            6 => Self::Drive { v_mps: a, w_radps: b },
+            _ => return None,
+        })
     }
 }
 
@@ -92,7 +131,7 @@ impl ControlServer {
         while let Some(request) = self.server.receive().map_err(|e| failed("receiving", e))? {
             let ControlRequestWire { id, command, .. } = *request;
             let reply = self.last.filter(|last| last.id == id).unwrap_or_else(|| {
-                let result = match Command::from_code(command) {
+                let result = match Command::of(&request) {
                     Some(command) => carry_out(command),
                     None => Err(format!("command {command} is not known here")),
                 };
@@ -128,8 +167,7 @@ pub fn order(
         .backpressure_strategy(BackpressureStrategy::DiscardData)
         .create()
         .map_err(|e| failed("asking", e))?;
-    let id = u64::from(std::process::id()) << 32 | u64::from(command as u32);
-    let request = ControlRequestWire { id, command: command as u32, ..ControlRequestWire::default() };
+    let request = command.request(new_id());
     let pending = client.send_copy(request).map_err(|e| failed("asking", e))?;
     notifier(&events, REQUEST)?.notify().map_err(|e| failed("notifying", e))?;
     let deadline = Instant::now() + patience;
@@ -171,6 +209,12 @@ pub(crate) fn create(node: &Node<ipc::Service>, service: &str) -> Result<[Box<dy
         .create()
         .map_err(|e| failed("creating", e))?;
     Ok([Box::new(orders), Box::new(events)])
+}
+
+/// Differs between any two requests: the time, and who asks.
+fn new_id() -> u64 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    (since.as_nanos() as u64) << 16 ^ u64::from(std::process::id())
 }
 
 fn open(node: &Node<ipc::Service>, name: &ServiceName) -> Result<Factory, TopicError> {

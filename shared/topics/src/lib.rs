@@ -12,7 +12,10 @@ pub mod wire;
 
 pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
-pub use message::{Ack, Health, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState, TileUpdate};
+pub use message::{
+    Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState,
+    TileUpdate, TruePose,
+};
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};
 pub use port::{Input, Output, Received};

@@ -3,6 +3,7 @@
 //! Whatever is read from shared memory is checked here before anyone uses it: a faulty peer gets
 //! its messages counted and dropped, not the map.
 
+use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::verdict::{Verdict, VerdictCounts};
 use echogrid_core::{CellIndex, Echo, Footprint, Pose2, Reading, Robot, Sensor, SensorKind, TileIndex};
@@ -10,14 +11,25 @@ use nalgebra::Matrix3;
 
 use crate::topic::Topic;
 use crate::wire::{
-    AckWire, EstimateWire, HealthWire, MAX_ACKS, MAX_SENSORS, MAX_VERDICTS, MapInfoWire, OdometryRawWire, ReadingWire,
-    RobotWire, SensorWire, TILE_CELLS, TileWire, VerdictWire, bytes_to_text, text_to_bytes,
+    AckWire, EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS, MAX_VERDICTS,
+    MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TILE_CELLS, TileWire, TruePoseWire, VerdictWire,
+    bytes_to_text, text_to_bytes,
 };
 
 /// Positions beyond are taken for faults, metres.
 const POSITION_LIMIT_M: f64 = 1e6;
 /// Ranges beyond are taken for faults, metres.
 const RANGE_LIMIT_M: f64 = 1e5;
+/// Flags of an estimate.
+const DEGRADED: u32 = 1;
+const HOLD: u32 = 2;
+/// Flags of the map in numbers.
+const FINISHED: u32 = 1;
+const MAP_DEGRADED: u32 = 2;
+const MAP_HELD: u32 = 4;
+/// What is known in a fix.
+const POSITION: u32 = 1;
+const HEADING: u32 = 2;
 
 /// A message that breaks its contract.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -51,6 +63,37 @@ pub struct PoseEstimate {
     pub trust: f64,
     /// Travelled since the start, metres.
     pub distance_m: f64,
+    /// Whether a reading hardly says anything any more, for all that the odometry may be off.
+    pub degraded: bool,
+    /// Whether nothing is to be mapped from here.
+    pub hold: bool,
+}
+
+/// Where the robot really is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TruePose {
+    /// None: not known at this time.
+    pub map_from_base: Option<Pose2>,
+}
+
+/// An absolute localization is wanted, of the stamp of the message.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalizationRequest {
+    /// 1, 2, 3 …
+    pub id: u64,
+    /// Where the robot believes to be.
+    pub estimate: PoseEstimate,
+    /// Why.
+    pub reason: Reason,
+}
+
+/// Where the robot was at the stamp of the message.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalizationFix {
+    /// The request that it answers; 0: nobody asked.
+    pub request: u64,
+    /// None: that can't be told.
+    pub fix: Option<Fix>,
 }
 
 /// One tile of the map, whole.
@@ -91,6 +134,12 @@ pub struct MapInfo {
     pub verdicts: VerdictCounts,
     /// Whether the map is finished.
     pub finished: bool,
+    /// Whether a reading hardly says anything any more.
+    pub degraded: bool,
+    /// Whether mapping holds, until the next fix or by hand.
+    pub held: bool,
+    /// Absolute fixes so far.
+    pub fixes: u32,
 }
 
 /// State of a service.
@@ -164,6 +213,12 @@ pub enum Message {
     Verdicts(Vec<(u16, Verdict)>),
     /// [`Topic::Health`].
     Health(Health),
+    /// [`Topic::TruePose`].
+    TruePose(TruePose),
+    /// [`Topic::LocalizationRequest`].
+    Request(Box<LocalizationRequest>),
+    /// [`Topic::LocalizationFix`].
+    Fix(LocalizationFix),
 }
 
 impl Message {
@@ -179,6 +234,9 @@ impl Message {
             Self::Info(_) => Topic::MapInfo,
             Self::Verdicts(_) => Topic::RangeVerdict,
             Self::Health(_) => Topic::Health,
+            Self::TruePose(_) => Topic::TruePose,
+            Self::Request(_) => Topic::LocalizationRequest,
+            Self::Fix(_) => Topic::LocalizationFix,
         }
     }
 }
@@ -203,6 +261,13 @@ fn pose(x: f64, y: f64, theta: f64) -> Result<Pose2, Fault> {
     }
     check(theta.is_finite() && theta.abs() <= 1e6, "theta_rad", theta, "a finite angle")?;
     Ok(Pose2::new(x, y, theta))
+}
+
+fn rows(covariance: &Matrix3<f64>) -> [f64; 9] {
+    // Columns of the transpose are rows.
+    let mut rows = [0.0; 9];
+    rows.iter_mut().zip(covariance.transpose().iter()).for_each(|(slot, value)| *slot = *value);
+    rows
 }
 
 /// A description that has more sensors than fit is cut; see [`MAX_SENSORS`].
@@ -334,16 +399,12 @@ impl From<&ReadingWire> for Reading {
 
 impl From<&PoseEstimate> for EstimateWire {
     fn from(message: &PoseEstimate) -> Self {
-        let PoseEstimate { estimate, trust, distance_m } = message;
-        let mut covariance = [0.0; 9];
-        for (slot, value) in covariance.iter_mut().zip(estimate.covariance.transpose().iter()) {
-            *slot = *value;
-        }
+        let PoseEstimate { estimate, trust, distance_m, degraded, hold } = message;
         Self {
             x_m: estimate.pose.x,
             y_m: estimate.pose.y,
             theta_rad: estimate.pose.theta,
-            covariance,
+            covariance: rows(&estimate.covariance),
             travel_m: estimate.travel_m,
             turn_rad: estimate.turn_rad,
             e_lin_m: estimate.errors.e_lin_m,
@@ -353,7 +414,7 @@ impl From<&PoseEstimate> for EstimateWire {
             trust: *trust,
             distance_m: *distance_m,
             fixes: estimate.fixes,
-            reserved: 0,
+            flags: u32::from(*degraded) * DEGRADED + u32::from(*hold) * HOLD,
         }
     }
 }
@@ -382,7 +443,77 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
             },
             trust: wire.trust,
             distance_m: at_least_zero("distance_m", wire.distance_m)?,
+            degraded: wire.flags & DEGRADED != 0,
+            hold: wire.flags & HOLD != 0,
         })
+    }
+}
+
+impl From<&TruePose> for TruePoseWire {
+    fn from(TruePose { map_from_base }: &TruePose) -> Self {
+        let Pose2 { x, y, theta } = map_from_base.unwrap_or_default();
+        Self { x_m: x, y_m: y, theta_rad: theta, known: u32::from(map_from_base.is_some()), reserved: 0 }
+    }
+}
+
+impl TryFrom<&TruePoseWire> for TruePose {
+    type Error = Fault;
+
+    fn try_from(wire: &TruePoseWire) -> Result<Self, Fault> {
+        let known = (wire.known != 0).then(|| pose(wire.x_m, wire.y_m, wire.theta_rad));
+        Ok(Self { map_from_base: known.transpose()? })
+    }
+}
+
+impl From<&LocalizationRequest> for LocalizationRequestWire {
+    fn from(LocalizationRequest { id, estimate, reason }: &LocalizationRequest) -> Self {
+        Self { id: *id, estimate: estimate.into(), reason: *reason as u32, reserved: 0 }
+    }
+}
+
+impl TryFrom<&LocalizationRequestWire> for LocalizationRequest {
+    type Error = Fault;
+
+    fn try_from(wire: &LocalizationRequestWire) -> Result<Self, Fault> {
+        let reason = [Reason::Degraded, Reason::Schedule].into_iter().find(|reason| *reason as u32 == wire.reason);
+        let reason = reason.ok_or(Fault { field: "reason", value: wire.reason.to_string(), expected: "1 or 2" })?;
+        Ok(Self { id: wire.id, estimate: (&wire.estimate).try_into()?, reason })
+    }
+}
+
+impl From<&LocalizationFix> for FixWire {
+    fn from(LocalizationFix { request, fix }: &LocalizationFix) -> Self {
+        let Some(Fix { pose, covariance, position_known, heading_known }) = fix else {
+            return Self { request: *request, ..Self::default() };
+        };
+        Self {
+            request: *request,
+            x_m: pose.x,
+            y_m: pose.y,
+            theta_rad: pose.theta,
+            covariance: rows(covariance),
+            known: u32::from(*position_known) * POSITION + u32::from(*heading_known) * HEADING,
+            reserved: 0,
+        }
+    }
+}
+
+impl TryFrom<&FixWire> for LocalizationFix {
+    type Error = Fault;
+
+    fn try_from(wire: &FixWire) -> Result<Self, Fault> {
+        let (position_known, heading_known) = (wire.known & POSITION != 0, wire.known & HEADING != 0);
+        if !position_known && !heading_known {
+            return Ok(Self { request: wire.request, fix: None });
+        }
+        let fix = Fix {
+            pose: pose(wire.x_m, wire.y_m, wire.theta_rad)?,
+            covariance: Matrix3::from_row_slice(&wire.covariance),
+            position_known,
+            heading_known,
+        };
+        fix.validate().map_err(|error| Fault { field: error.field, value: error.value, expected: error.expected })?;
+        Ok(Self { request: wire.request, fix: Some(fix) })
     }
 }
 
@@ -435,8 +566,10 @@ impl From<&MapInfo> for MapInfoWire {
             distance_m: info.distance_m,
             bounds: info.bounds.map_or([0; 4], |(low, high)| [low.i, low.j, high.i, high.j]),
             verdicts,
-            finished: u32::from(info.finished),
-            reserved: 0,
+            flags: u32::from(info.finished) * FINISHED
+                + u32::from(info.degraded) * MAP_DEGRADED
+                + u32::from(info.held) * MAP_HELD,
+            fixes: info.fixes,
         }
     }
 }
@@ -462,7 +595,10 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             bounds: (wire.cells_known > 0)
                 .then_some((CellIndex { i: i_low, j: j_low }, CellIndex { i: i_high, j: j_high })),
             verdicts,
-            finished: wire.finished != 0,
+            finished: wire.flags & FINISHED != 0,
+            degraded: wire.flags & MAP_DEGRADED != 0,
+            held: wire.flags & MAP_HELD != 0,
+            fixes: wire.fixes,
         })
     }
 }

@@ -8,7 +8,8 @@ use crate::domain::{Claim, Domain, check_memory};
 use crate::participant::{Bell, Participant, Sized, Slice, TopicError, attribute_failed, service_name};
 use crate::topic::{Qos, Topic, memory_budget_bytes};
 use crate::wire::{
-    EstimateWire, Header, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire, Wire,
+    EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
+    RobotWire, TileWire, TruePoseWire, VerdictWire, Wire,
 };
 
 /// A producer appeared, left, died.
@@ -49,6 +50,9 @@ impl Owner {
                 Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
                 Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
                 Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
+                Topic::TruePose => Box::new(create_sized::<TruePoseWire>(node, topic, qos)?),
+                Topic::LocalizationRequest => Box::new(create_sized::<LocalizationRequestWire>(node, topic, qos)?),
+                Topic::LocalizationFix => Box::new(create_sized::<FixWire>(node, topic, qos)?),
             });
             topics.push(Box::new(create_bell(node, topic)?));
         }

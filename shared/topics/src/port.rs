@@ -9,11 +9,15 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, EventId, FileDescriptorBased, ipc};
 
-use crate::message::{Ack, Fault, Health, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState, TileUpdate};
+use crate::message::{
+    Ack, Fault, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
+    ServiceState, TileUpdate, TruePose,
+};
 use crate::participant::{Participant, SENT, Sized, Slice, TopicError};
 use crate::topic::{Delivery, Topic};
 use crate::wire::{
-    EstimateWire, Header, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire, Wire,
+    EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
+    RobotWire, TileWire, TruePoseWire, VerdictWire, Wire,
 };
 
 /// Header flag: the stream ends here.
@@ -32,6 +36,9 @@ enum Out {
     Info(PublisherOf<MapInfoWire>),
     Verdicts(PublisherOf<[VerdictWire]>),
     Health(PublisherOf<HealthWire>),
+    Truth(PublisherOf<TruePoseWire>),
+    Request(PublisherOf<LocalizationRequestWire>),
+    Fix(PublisherOf<FixWire>),
 }
 
 #[derive(Debug)]
@@ -44,6 +51,9 @@ enum In {
     Info(SubscriberOf<MapInfoWire>),
     Verdicts(SubscriberOf<[VerdictWire]>),
     Health(SubscriberOf<HealthWire>),
+    Truth(SubscriberOf<TruePoseWire>),
+    Request(SubscriberOf<LocalizationRequestWire>),
+    Fix(SubscriberOf<FixWire>),
 }
 
 /// A consumer that a producer waits for.
@@ -89,6 +99,9 @@ impl Output {
             Topic::MapInfo => Out::Info(publisher(participant, topic)?),
             Topic::RangeVerdict => Out::Verdicts(slice_publisher(participant, topic, max_readings)?),
             Topic::Health => Out::Health(publisher(participant, topic)?),
+            Topic::TruePose => Out::Truth(publisher(participant, topic)?),
+            Topic::LocalizationRequest => Out::Request(publisher(participant, topic)?),
+            Topic::LocalizationFix => Out::Fix(publisher(participant, topic)?),
         };
         // After the publisher, so that "a notifier appeared" means "a producer is there".
         let bell = participant
@@ -170,6 +183,9 @@ impl Output {
                 put_slice(port, topic, header, self.max_readings, verdicts)
             }
             (Out::Health(port), Message::Health(health)) => put(port, topic, header, health.into()),
+            (Out::Truth(port), Message::TruePose(pose)) => put(port, topic, header, pose.into()),
+            (Out::Request(port), Message::Request(request)) => put(port, topic, header, request.as_ref().into()),
+            (Out::Fix(port), Message::Fix(fix)) => put(port, topic, header, fix.into()),
             (_, message) => {
                 Err(failed(topic, "sending", format!("a message of {} is not for it", message.topic().name())))
             }
@@ -197,6 +213,9 @@ impl Output {
                 put_slice::<VerdictWire, (u16, echogrid_core::verdict::Verdict)>(port, topic, header, 1, &[])
             }
             Out::Health(port) => put(port, topic, header, HealthWire::default()),
+            Out::Truth(port) => put(port, topic, header, TruePoseWire::default()),
+            Out::Request(port) => put(port, topic, header, LocalizationRequestWire::default()),
+            Out::Fix(port) => put(port, topic, header, FixWire::default()),
         }?;
         self.sequence = header.sequence;
         self.unrung = true;
@@ -217,6 +236,9 @@ impl Output {
             Out::Info(port) => port.update_connections(),
             Out::Verdicts(port) => port.update_connections(),
             Out::Health(port) => port.update_connections(),
+            Out::Truth(port) => port.update_connections(),
+            Out::Request(port) => port.update_connections(),
+            Out::Fix(port) => port.update_connections(),
         }
         .map_err(|e| failed(self.topic, "connecting", e))?;
         self.unrung = true;
@@ -283,6 +305,9 @@ impl Input {
             Topic::MapInfo => In::Info(subscriber(participant, topic)?),
             Topic::RangeVerdict => In::Verdicts(slice_subscriber(participant, topic)?),
             Topic::Health => In::Health(subscriber(participant, topic)?),
+            Topic::TruePose => In::Truth(subscriber(participant, topic)?),
+            Topic::LocalizationRequest => In::Request(subscriber(participant, topic)?),
+            Topic::LocalizationFix => In::Fix(subscriber(participant, topic)?),
         };
         Ok(Self { topic, port, bell, epoch: 0, sequence: 0, lost: 0 })
     }
@@ -329,6 +354,11 @@ impl Input {
                 w.iter().map(TryInto::try_into).collect::<Result<_, _>>().map(Message::Verdicts)
             }),
             In::Health(port) => get(port, topic, |w: &HealthWire| Health::try_from(w).map(Message::Health)),
+            In::Truth(port) => get(port, topic, |w: &TruePoseWire| TruePose::try_from(w).map(Message::TruePose)),
+            In::Request(port) => get(port, topic, |w: &LocalizationRequestWire| {
+                LocalizationRequest::try_from(w).map(|request| Message::Request(Box::new(request)))
+            }),
+            In::Fix(port) => get(port, topic, |w: &FixWire| LocalizationFix::try_from(w).map(Message::Fix)),
         }?;
         if let Some(Received::Message(header, _) | Received::End(header) | Received::Faulty(header, _)) = &received {
             self.follow(*header);
@@ -350,6 +380,9 @@ impl Input {
             In::Info(port) => port.has_samples(),
             In::Verdicts(port) => port.has_samples(),
             In::Health(port) => port.has_samples(),
+            In::Truth(port) => port.has_samples(),
+            In::Request(port) => port.has_samples(),
+            In::Fix(port) => port.has_samples(),
         }
         .map_err(|e| failed(self.topic, "looking for messages", e))
     }

@@ -20,6 +20,13 @@ pub enum Topic {
     RangeVerdict = 7,
     /// How each service is doing.
     Health = 8,
+    /// Where the robot really is, from a sensor that knows: a simulator, or a log with true poses. Not for odometry or
+    /// mapper, which have to do without.
+    TruePose = 9,
+    /// The odometry asks where the robot is.
+    LocalizationRequest = 10,
+    /// The answer, and fixes that nobody asked for.
+    LocalizationFix = 11,
 }
 
 /// What a topic promises.
@@ -54,7 +61,7 @@ pub struct Qos {
 
 impl Topic {
     /// Every topic.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 11] = [
         Self::RobotDescription,
         Self::OdometryRaw,
         Self::RangeScan,
@@ -63,6 +70,9 @@ impl Topic {
         Self::MapInfo,
         Self::RangeVerdict,
         Self::Health,
+        Self::TruePose,
+        Self::LocalizationRequest,
+        Self::LocalizationFix,
     ];
 
     /// Its name among the services of a domain.
@@ -77,6 +87,9 @@ impl Topic {
             Self::MapInfo => "map/info",
             Self::RangeVerdict => "range/verdict",
             Self::Health => "health",
+            Self::TruePose => "truth/pose",
+            Self::LocalizationRequest => "localization/request",
+            Self::LocalizationFix => "localization/fix",
         }
     }
 
@@ -90,8 +103,14 @@ impl Topic {
     #[must_use]
     pub fn delivery(self) -> Delivery {
         match self {
-            Self::OdometryRaw | Self::RangeScan | Self::OdometryEstimate | Self::MapTiles => Delivery::Lossless,
-            Self::RobotDescription | Self::MapInfo | Self::Health => Delivery::Latest,
+            Self::OdometryRaw
+            | Self::RangeScan
+            | Self::OdometryEstimate
+            | Self::MapTiles
+            | Self::TruePose
+            | Self::LocalizationRequest => Delivery::Lossless,
+            // Who waits for a fix waits for one at a time.
+            Self::RobotDescription | Self::MapInfo | Self::Health | Self::LocalizationFix => Delivery::Latest,
             Self::RangeVerdict => Delivery::Droppable,
         }
     }
@@ -103,7 +122,8 @@ impl Topic {
     #[must_use]
     pub fn qos(self, max_readings: usize) -> Qos {
         use crate::wire::{
-            EstimateWire, HealthWire, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TileWire, VerdictWire,
+            EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
+            RobotWire, TileWire, TruePoseWire, VerdictWire,
         };
         let stream = Qos {
             history: 2048,
@@ -139,6 +159,16 @@ impl Topic {
             Self::Health => {
                 Qos { buffer: 4, publishers: 16, subscribers: 16, element_size: size_of::<HealthWire>(), ..latest }
             }
+            Self::TruePose => Qos { element_size: size_of::<TruePoseWire>(), ..stream },
+            // One at a time is on its way.
+            Self::LocalizationRequest => Qos {
+                history: 16,
+                buffer: 32,
+                window: 16,
+                element_size: size_of::<LocalizationRequestWire>(),
+                ..stream
+            },
+            Self::LocalizationFix => Qos { buffer: 16, element_size: size_of::<FixWire>(), ..latest },
             Self::RangeVerdict => Qos {
                 history: 0,
                 buffer: 16,

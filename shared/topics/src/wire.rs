@@ -171,7 +171,7 @@ wire! {
 
 wire! {
     /// `odometry/estimate`: where the robot is in the map, and how far to trust that.
-    "echogrid/OdometryEstimate/1" EstimateWire {
+    "echogrid/OdometryEstimate/2" EstimateWire {
         /// Metres, map frame.
         x_m: f64,
         /// Metres, map frame.
@@ -198,8 +198,8 @@ wire! {
         distance_m: f64,
         /// Absolute fixes so far.
         fixes: u32,
-        /// Zero.
-        reserved: u32,
+        /// Bit 0: degraded, readings hardly say anything any more; bit 1: mapping is to hold.
+        flags: u32,
     }
 }
 
@@ -221,7 +221,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/1" MapInfoWire {
+    "echogrid/MapInfo/2" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -242,10 +242,10 @@ wire! {
         bounds: [i32; 4],
         /// Readings by verdict code.
         verdicts: [u64; 16],
-        /// 1 once the map is finished.
-        finished: u32,
-        /// Zero.
-        reserved: u32,
+        /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds.
+        flags: u32,
+        /// Absolute fixes so far.
+        fixes: u32,
     }
 }
 
@@ -306,13 +306,29 @@ wire! {
 }
 
 wire! {
-    /// `localization`, request: an absolute localization is wanted.
-    "echogrid/LocalizationRequest/1" LocalizationRequestWire {
-        /// The estimate that asks.
+    /// `truth/pose`: where the robot really is; one before each message of `odometry/raw`, of the same stamp.
+    "echogrid/TruePose/1" TruePoseWire {
+        /// Metres, map frame.
+        x_m: f64,
+        /// Metres, map frame.
+        y_m: f64,
+        /// Radians.
+        theta_rad: f64,
+        /// 1 known; 0 not known at this time, and the pose says nothing.
+        known: u32,
+        /// Zero.
+        reserved: u32,
+    }
+}
+
+wire! {
+    /// `localization/request`: an absolute localization is wanted.
+    "echogrid/LocalizationRequest/2" LocalizationRequestWire {
+        /// Number of the request: 1, 2, 3 …
+        id: u64,
+        /// Where the robot believes to be at the stamp of the message.
         estimate: EstimateWire,
-        /// Its stamp, nanoseconds.
-        stamp_ns: u64,
-        /// 1 degraded, 2 by schedule, 3 by hand.
+        /// 1 degraded, 2 by schedule.
         reason: u32,
         /// Zero.
         reserved: u32,
@@ -320,17 +336,17 @@ wire! {
 }
 
 wire! {
-    /// `localization`, reply: a fix, or none.
-    "echogrid/LocalizationReply/1" LocalizationReplyWire {
-        /// When the fix was true, nanoseconds.
-        stamp_ns: u64,
+    /// `localization/fix`: where the robot was at the stamp of the message, or that this can't be told.
+    "echogrid/LocalizationFix/1" FixWire {
+        /// Of the request that it answers; 0: nobody asked.
+        request: u64,
         /// Metres, map frame.
         x_m: f64,
         /// Metres, map frame.
         y_m: f64,
         /// Radians.
         theta_rad: f64,
-        /// Covariance of (x, y, θ), row by row.
+        /// Covariance of (x, y, θ), row by row; m², m·rad, rad².
         covariance: [f64; 9],
         /// Bit 0 position known, bit 1 heading known; 0: no fix.
         known: u32,
@@ -341,15 +357,16 @@ wire! {
 
 wire! {
     /// `control`, request to one service.
-    "echogrid/ControlRequest/1" ControlRequestWire {
+    "echogrid/ControlRequest/2" ControlRequestWire {
         /// The same on every repetition: a request is carried out once.
         id: u64,
-        /// 1 save, 2 pause, 3 resume, 4 reset, 5 fix.
+        /// 1 save, 2 pause, 3 resume, 5 fix, 6 drive.
         command: u32,
         /// Zero.
         reserved: u32,
-        /// For a fix: x, y (metres), θ (radians).
-        arguments: [f64; 4],
+        /// For a fix: x, y (metres), θ (radians), standard deviations of position (metres) and heading (radians).
+        /// For driving: forward speed (m/s), turn rate (rad/s).
+        arguments: [f64; 5],
     }
 }
 
@@ -389,8 +406,9 @@ pub fn layouts() -> String {
     one::<VerdictWire>(&mut text);
     one::<AckWire>(&mut text);
     one::<HealthWire>(&mut text);
+    one::<TruePoseWire>(&mut text);
     one::<LocalizationRequestWire>(&mut text);
-    one::<LocalizationReplyWire>(&mut text);
+    one::<FixWire>(&mut text);
     one::<ControlRequestWire>(&mut text);
     one::<ControlReplyWire>(&mut text);
     text

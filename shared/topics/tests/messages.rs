@@ -5,16 +5,20 @@
 use std::f64::consts::{PI, TAU};
 use std::fmt::Debug;
 
+use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::{
     CellIndex, Echo, Footprint, Matrix3, Pose2, Reading, Robot, Sensor, SensorKind, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_topics::message::Fault;
 use echogrid_topics::wire::{
-    EstimateWire, HealthWire, MAX_ACKS, MAX_SENSORS, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, TILE_CELLS,
-    TileWire, VerdictWire, Wire,
+    EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS, MapInfoWire, OdometryRawWire,
+    ReadingWire, RobotWire, TILE_CELLS, TileWire, TruePoseWire, VerdictWire, Wire,
 };
-use echogrid_topics::{Ack, Health, MapInfo, PoseEstimate, RawOdometry, ServiceState, TileUpdate, Topic};
+use echogrid_topics::{
+    Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, PoseEstimate, RawOdometry, ServiceState, TileUpdate,
+    Topic, TruePose,
+};
 use proptest::prelude::*;
 
 // ---- what is sent arrives ------------------------------------------------------------------------------------------
@@ -73,13 +77,29 @@ fn estimate() -> impl Strategy<Value = PoseEstimate> {
     let errors = (number(), number(), amount(), amount()).prop_map(|(e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2)| {
         OdometryErrors { e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2 }
     });
-    (pose(), covariance, amount(), amount(), errors, any::<u32>(), 0.0..=1.0, amount()).prop_map(
-        |(pose, covariance, travel_m, turn_rad, errors, fixes, trust, distance_m)| PoseEstimate {
+    let flags = any::<(bool, bool)>();
+    (pose(), covariance, (amount(), amount()), errors, any::<u32>(), 0.0..=1.0, amount(), flags).prop_map(
+        |(pose, covariance, (travel_m, turn_rad), errors, fixes, trust, distance_m, (degraded, hold))| PoseEstimate {
             estimate: Estimate { pose, covariance, travel_m, turn_rad, errors, fixes },
             trust,
             distance_m,
+            degraded,
+            hold,
         },
     )
+}
+
+fn fix() -> impl Strategy<Value = LocalizationFix> {
+    let known = prop::sample::select(vec![(true, true), (true, false), (false, true)]);
+    let fix = (pose(), 0.0..1e3, 0.0..1e3, known).prop_map(|(pose, position_m, heading_rad, (position, heading))| {
+        Fix { position_known: position, heading_known: heading, ..Fix::about(pose, position_m, heading_rad) }
+    });
+    (any::<u64>(), prop::option::of(fix)).prop_map(|(request, fix)| LocalizationFix { request, fix })
+}
+
+fn request() -> impl Strategy<Value = LocalizationRequest> {
+    let reason = prop::sample::select(vec![Reason::Degraded, Reason::Schedule]);
+    (any::<u64>(), estimate(), reason).prop_map(|(id, estimate, reason)| LocalizationRequest { id, estimate, reason })
 }
 
 fn tile() -> impl Strategy<Value = TileUpdate> {
@@ -104,19 +124,25 @@ fn info() -> impl Strategy<Value = MapInfo> {
         verdicts
     });
     let cells = prop::option::of((1_u64.., bounds));
-    (any::<[u64; 4]>(), cells, amount(), number(), amount(), counts, any::<bool>()).prop_map(
-        |([revision, scans, occupied, free], cells, entropy_bits, trust, distance_m, verdicts, finished)| MapInfo {
-            revision,
-            scans,
-            cells_known: cells.map_or(0, |(known, _)| known),
-            cells_occupied: occupied,
-            cells_free: free,
-            entropy_bits,
-            trust,
-            distance_m,
-            bounds: cells.map(|(_, bounds)| bounds),
-            verdicts,
-            finished,
+    let flags = any::<([bool; 3], u32)>();
+    (any::<[u64; 4]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
+        |([revision, scans, occupied, free], cells, entropy_bits, trust, distance_m, verdicts, (flags, fixes))| {
+            MapInfo {
+                revision,
+                scans,
+                cells_known: cells.map_or(0, |(known, _)| known),
+                cells_occupied: occupied,
+                cells_free: free,
+                entropy_bits,
+                trust,
+                distance_m,
+                bounds: cells.map(|(_, bounds)| bounds),
+                verdicts,
+                finished: flags[0],
+                degraded: flags[1],
+                held: flags[2],
+                fixes,
+            }
         },
     )
 }
@@ -158,7 +184,9 @@ proptest! {
     fn what_is_sent_arrives(
         robot in robot(), pose in pose(), v_mps in number(), w_radps in number(), readings in reading(),
         estimate in estimate(), info in info(), health in health(), transducer: u16, verdict in 0..Verdict::COUNT,
+        request in request(), fix in fix(), truth in prop::option::of(pose()),
     ) {
+        let truth = TruePose { map_from_base: truth };
         let raw = RawOdometry { odom_from_base: pose, v_mps, w_radps };
         let verdict = (transducer, Verdict::ALL[verdict]);
         prop_assert_eq!(sent::<RobotWire, _>(&robot), robot);
@@ -168,6 +196,9 @@ proptest! {
         prop_assert_eq!(sent::<MapInfoWire, _>(&info), info);
         prop_assert_eq!(sent::<HealthWire, _>(&health), health);
         prop_assert_eq!(sent::<VerdictWire, _>(&verdict), verdict);
+        prop_assert_eq!(sent::<TruePoseWire, _>(&truth), truth);
+        prop_assert_eq!(sent::<LocalizationRequestWire, _>(&request), request);
+        prop_assert_eq!(sent::<FixWire, _>(&fix), fix);
     }
 }
 
@@ -218,6 +249,9 @@ proptest! {
         survives::<MapInfoWire, MapInfo>(&bytes);
         survives::<VerdictWire, (u16, Verdict)>(&bytes);
         survives::<HealthWire, Health>(&bytes);
+        survives::<TruePoseWire, TruePose>(&bytes);
+        survives::<LocalizationRequestWire, LocalizationRequest>(&bytes);
+        survives::<FixWire, LocalizationFix>(&bytes);
     }
 }
 
@@ -297,6 +331,25 @@ fn odometry_that_cannot_be() {
     check("theta_rad", |w| w.theta_rad = 1e7);
     check("v_mps", |w| w.v_mps = f64::NAN);
     check("w_radps", |w| w.w_radps = f64::INFINITY);
+}
+
+#[test]
+fn localizations_that_cannot_be() {
+    let good = LocalizationFix { request: 1, fix: Some(Fix::about(Pose2::new(1.0, 2.0, 0.5), 0.1, 0.02)) };
+    let check = |field, spoil: fn(&mut FixWire)| refused::<_, LocalizationFix>((&good).into(), field, spoil);
+    check("x_m", |w| w.x_m = 1e7);
+    check("theta_rad", |w| w.theta_rad = f64::NAN);
+    check("covariance", |w| w.covariance[0] = -1.0);
+    check("covariance", |w| w.covariance[1] = 0.005);
+    check("covariance", |w| w.covariance[8] = f64::NAN);
+    // Without anything known the rest says nothing.
+    let nothing = FixWire { request: 3, x_m: f64::NAN, ..FixWire::default() };
+    assert_eq!(LocalizationFix::try_from(&nothing).unwrap(), LocalizationFix { request: 3, fix: None });
+    refused::<_, LocalizationRequest>(LocalizationRequestWire::default(), "reason", |_| {});
+    let asked = LocalizationRequestWire { reason: 1, ..LocalizationRequestWire::default() };
+    refused::<_, LocalizationRequest>(asked, "trust", |w| w.estimate.trust = 2.0);
+    let truth = TruePoseWire { known: 1, ..TruePoseWire::default() };
+    refused::<_, TruePose>(truth, "y_m", |w| w.y_m = f64::INFINITY);
 }
 
 #[test]

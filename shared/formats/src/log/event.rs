@@ -51,6 +51,14 @@ impl LogEvent {
 /// The only errors are those of reading the file: damage is counted by the survey and skipped here.
 pub struct LogReader(pub(crate) Box<dyn Iterator<Item = Result<LogEvent, LogError>> + Send>);
 
+impl LogReader {
+    /// A log that is not in a file; `events` must be in stamp order.
+    #[must_use]
+    pub fn from_events(events: Vec<LogEvent>) -> Self {
+        Self(Box::new(events.into_iter().map(Ok)))
+    }
+}
+
 impl core::fmt::Debug for LogReader {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str("LogReader")

@@ -1,0 +1,116 @@
+//! What the odometry was, a while back: a fix that comes late is applied when it was true, and the way since is gone again.
+
+use std::collections::VecDeque;
+
+use echogrid_core::localization::{Fix, FixError};
+use echogrid_core::{Estimate, Odometry, Pose2};
+
+/// Poses that are remembered: 20 s at 100 Hz.
+const REMEMBERED: usize = 2048;
+
+#[derive(Debug)]
+struct Moment {
+    stamp_ns: u64,
+    odom_from_base: Pose2,
+    /// The odometry after this pose.
+    after: Odometry,
+}
+
+/// The latest poses, and the odometry after each.
+#[derive(Debug, Default)]
+pub(crate) struct History {
+    moments: VecDeque<Moment>,
+}
+
+impl History {
+    pub(crate) fn push(&mut self, stamp_ns: u64, odom_from_base: Pose2, after: &Odometry) {
+        if self.moments.len() == REMEMBERED {
+            self.moments.pop_front();
+        }
+        self.moments.push_back(Moment { stamp_ns, odom_from_base, after: after.clone() });
+    }
+
+    /// Stamp of the latest pose, nanoseconds.
+    pub(crate) fn latest_ns(&self) -> Option<u64> {
+        self.moments.back().map(|moment| moment.stamp_ns)
+    }
+
+    /// Applies a fix that was true at `fix_ns`, not after the latest pose, and goes the way since once more. The odometry
+    /// as it is then, and its estimate at the latest pose.
+    ///
+    /// # Errors
+    /// The fix can't be one, or what it corrects is forgotten.
+    pub(crate) fn apply(&mut self, fix_ns: u64, fix: &Fix) -> Result<(Odometry, Estimate), FixError> {
+        let later = self.moments.partition_point(|moment| moment.stamp_ns <= fix_ns);
+        let too_old = || FixError {
+            field: "stamp_ns",
+            value: fix_ns.to_string(),
+            expected: "a time within the last 2048 odometry poses",
+        };
+        let at = later.checked_sub(1).and_then(|index| self.moments.get(index)).ok_or_else(too_old)?;
+        let mut odometry = at.after.clone();
+        if let Some(next) = self.moments.get(later).filter(|_| at.stamp_ns < fix_ns) {
+            let fraction = (fix_ns - at.stamp_ns) as f64 / (next.stamp_ns - at.stamp_ns) as f64;
+            odometry.step(at.odom_from_base.interpolate(next.odom_from_base, fraction));
+        }
+        let mut estimate = odometry.apply(fix)?;
+        let first = if at.stamp_ns == fix_ns { later - 1 } else { later };
+        for (index, moment) in self.moments.iter_mut().enumerate().skip(first) {
+            if index >= later {
+                estimate = odometry.step(moment.odom_from_base);
+            }
+            moment.after = odometry.clone();
+        }
+        Ok((odometry, estimate))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echogrid_core::OdometryConfig;
+
+    use super::*;
+
+    /// 1 m every 100 ns along x, believed to be at y = 0.
+    fn history(poses: u64) -> (History, Odometry) {
+        let mut odometry = Odometry::new(&OdometryConfig::default());
+        let mut history = History::default();
+        for index in 0..poses {
+            let pose = Pose2::new(index as f64, 0.0, 0.0);
+            odometry.step(pose);
+            history.push(100 * index, pose, &odometry);
+        }
+        (history, odometry)
+    }
+
+    #[test]
+    fn a_fix_at_the_latest_pose_is_the_estimate() {
+        let (mut history, _) = history(4);
+        let fix = Fix::certain(Pose2::new(3.0, 1.0, 0.0));
+        let (mut odometry, estimate) = history.apply(300, &fix).unwrap();
+        assert_eq!(estimate, Estimate { fixes: 1, ..Estimate::certain(fix.pose) });
+        assert_eq!(odometry.step(Pose2::new(4.0, 0.0, 0.0)).pose, Pose2::new(4.0, 1.0, 0.0));
+    }
+
+    #[test]
+    fn a_late_fix_is_as_good_as_one_in_time() {
+        let (mut late, _) = history(10);
+        let (_, estimate) = late.apply(300, &Fix::certain(Pose2::new(3.0, 1.0, 0.0))).unwrap();
+        assert_eq!((estimate.pose, estimate.travel_m), (Pose2::new(9.0, 1.0, 0.0), 6.0));
+        // Between two poses: the rest of the step counts.
+        let (mut between, _) = history(10);
+        let (_, estimate) = between.apply(350, &Fix::certain(Pose2::new(3.5, 1.0, 0.0))).unwrap();
+        assert_eq!((estimate.pose, estimate.travel_m), (Pose2::new(9.0, 1.0, 0.0), 5.5));
+        // A second one, before the first: what was remembered is as if both had come in order.
+        let (_, estimate) = between.apply(600, &Fix::certain(Pose2::new(6.0, 2.0, 0.0))).unwrap();
+        assert_eq!((estimate.pose, estimate.fixes), (Pose2::new(9.0, 2.0, 0.0), 2));
+    }
+
+    #[test]
+    fn what_is_forgotten_can_not_be_corrected() {
+        let (mut history, _) = history(REMEMBERED as u64 + 10);
+        assert_eq!(history.apply(900, &Fix::certain(Pose2::IDENTITY)).unwrap_err().field, "stamp_ns");
+        assert!(history.apply(1000, &Fix::certain(Pose2::IDENTITY)).is_ok());
+        assert!(History::default().apply(0, &Fix::certain(Pose2::IDENTITY)).is_err());
+    }
+}

@@ -1,0 +1,25 @@
+//! The sensor whose trust is reported.
+
+use echogrid_core::{OdometryErrors, Robot, nominal_trust};
+
+/// The widest cone that the robot has, or the paper's sonar.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NominalSensor {
+    aperture_rad: f64,
+    range_error_ratio: f64,
+}
+
+impl NominalSensor {
+    pub(crate) fn of(robot: &Robot) -> Self {
+        let widest = robot.sensors.iter().max_by(|a, b| a.aperture_rad.total_cmp(&b.aperture_rad));
+        widest.map_or(Self { aperture_rad: core::f64::consts::FRAC_PI_6, range_error_ratio: 0.01 }, |sensor| Self {
+            aperture_rad: sensor.aperture_rad,
+            range_error_ratio: sensor.range_error_ratio,
+        })
+    }
+
+    /// Weight of a reading of 2 m, in [0, 1], on a grid of `resolution_m`.
+    pub(crate) fn trust(self, errors: &OdometryErrors, resolution_m: f64) -> f64 {
+        nominal_trust(errors, self.aperture_rad, self.range_error_ratio, resolution_m)
+    }
+}
