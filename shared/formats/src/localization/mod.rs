@@ -2,7 +2,7 @@
 //!
 //! | file | what it holds | module |
 //! |---|---|---|
-//! | reference, text | poses known from elsewhere: `t x y theta` per line | [`reference`] |
+//! | reference, text | poses known from elsewhere: `t x y theta` per line | [`mod@reference`] |
 //! | landmarks, TOML | places that were surveyed: `[[landmark]]` with `name` and `at` | [`landmarks`] |
 //! | sightings, text | ranges and bearings to landmarks: `t landmark range_m bearing_rad` per line | [`sightings`] |
 //!
