@@ -7,6 +7,8 @@
 //!
 //! [`world`] reads worlds: what maps are judged by.
 //!
+//! [`localization`] reads what tells a robot where it is: reference paths, landmarks and sightings of them.
+//!
 //! [`convert`] goes from one format to another.
 //!
 //! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
@@ -15,11 +17,15 @@
 
 mod bounded;
 pub mod convert;
+pub mod localization;
 pub mod log;
 pub mod map;
 mod near;
+mod tables;
+mod text;
 mod whole_file;
 pub mod world;
 
 pub(crate) use bounded::read_at_most;
+pub use text::{TextError, TextFileError};
 pub use whole_file::WriteError;

@@ -34,6 +34,7 @@ pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
 pub use fault::{Fault, FaultKind};
+pub(crate) use stamp::parse_stamp_ns;
 pub use survey::{LogSurvey, StampQuality};
 
 /// Reads the log at `path` once and says what is in it.

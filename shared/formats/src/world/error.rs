@@ -1,57 +1,24 @@
 //! Why a world could not be read.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use echogrid_core::world::WorldError;
 
 use crate::map::MapError;
-
-/// What is wrong with the text of a world.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {found}; expected {expected}")]
-pub struct TextError {
-    /// Counted from 1.
-    pub line: usize,
-    /// What stands there, shortened.
-    pub found: String,
-    /// What would have been right.
-    pub expected: String,
-}
+use crate::text::TextFileError;
 
 /// Why a world could not be read.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorldFileError {
-    /// There is no such file.
-    #[error("{}: no such file{}", path.display(), near.as_deref().map(|near| format!("; did you mean {}?", near.display())).unwrap_or_default())]
-    NotFound {
-        /// What was asked for.
-        path: PathBuf,
-        /// A file of nearly that name in the same folder.
-        near: Option<PathBuf>,
-    },
-    /// The file could not be opened or read, or is too long.
-    #[error("{}: can't be read: {source}", path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
+    /// The file could not be read, or its text is wrong.
+    #[error(transparent)]
+    File(#[from] TextFileError),
     /// An ending that says nothing.
     #[error("{}: not known as a world; expected .map (MobileSim), .toml (echogrid's own) or .yaml (map_server)", path.display())]
     Ending {
         /// The file.
         path: PathBuf,
-    },
-    /// The text is wrong.
-    #[error("{}: {source}", path.display())]
-    Text {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: TextError,
     },
     /// A map_server map is wrong.
     #[error(transparent)]
@@ -64,14 +31,4 @@ pub enum WorldFileError {
         /// Why it does not.
         source: WorldError,
     },
-}
-
-impl WorldFileError {
-    pub(super) fn read(path: &Path, source: io::Error) -> Self {
-        if source.kind() == io::ErrorKind::NotFound {
-            Self::NotFound { path: path.to_path_buf(), near: crate::near::near_file(path) }
-        } else {
-            Self::Read { path: path.to_path_buf(), source }
-        }
-    }
 }

@@ -152,7 +152,7 @@ fn metres<const N: usize>(line: &str) -> Option<[f64; N]> {
 }
 
 fn error(line: usize, found: &str, expected: &str) -> TextError {
-    TextError { line, found: super::plan::quoted(found), expected: expected.to_owned() }
+    TextError { line, found: crate::text::quoted(found), expected: expected.to_owned() }
 }
 
 #[cfg(test)]

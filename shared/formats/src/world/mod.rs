@@ -17,10 +17,11 @@ use std::path::Path;
 use echogrid_core::log_odds::OCCUPIED_ABOVE;
 use echogrid_core::world::{Solid, World, WorldParts};
 
-pub use error::{TextError, WorldFileError};
+pub use error::WorldFileError;
 
 use crate::map::map_server;
-use crate::read_at_most;
+pub use crate::text::TextError;
+use crate::text::read_text;
 
 /// Longest `.map`, bytes.
 pub const MAP_BYTES_MAX: u64 = 64 << 20;
@@ -34,21 +35,12 @@ pub const PLAN_BYTES_MAX: u64 = 1 << 20;
 pub fn read(path: &Path) -> Result<World, WorldFileError> {
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     let parts = match ending.as_str() {
-        "map" => text(path, MAP_BYTES_MAX, |bytes| mobilesim::parse(&String::from_utf8_lossy(bytes)))?,
-        "toml" => text(path, PLAN_BYTES_MAX, |bytes| plan::parse(&String::from_utf8_lossy(bytes)))?,
+        "map" => read_text(path, MAP_BYTES_MAX, mobilesim::parse)?,
+        "toml" => read_text(path, PLAN_BYTES_MAX, plan::parse)?,
         "yaml" | "yml" => image(path)?,
         _ => return Err(WorldFileError::Ending { path: path.to_path_buf() }),
     };
     World::new(parts).map_err(|source| WorldFileError::World { path: path.to_path_buf(), source })
-}
-
-fn text(
-    path: &Path,
-    bytes_max: u64,
-    parse: impl FnOnce(&[u8]) -> Result<WorldParts, TextError>,
-) -> Result<WorldParts, WorldFileError> {
-    let bytes = read_at_most(path, bytes_max).map_err(|source| WorldFileError::read(path, source))?;
-    parse(&bytes).map_err(|source| WorldFileError::Text { path: path.to_path_buf(), source })
 }
 
 fn image(path: &Path) -> Result<WorldParts, WorldFileError> {

@@ -26,57 +26,40 @@
 //! to = [1.0, 0.0]
 //! ```
 
-use std::collections::BTreeMap;
-use std::ops::Range;
-
 use echogrid_core::Pose2;
 use echogrid_core::world::{Goal, Segment, WorldParts};
-use toml::Spanned;
-use toml::de::{DeTable, DeValue};
 
 use super::TextError;
-use crate::near::near_word;
+use crate::tables::{self, Item, PLACE, Schema};
 
 /// A door lies on a wall that is no farther from it than this, metres.
 const DOOR_REACH_M: f64 = 0.05;
 
-/// Tables and their keys; `?` marks a key that may be left out.
-const TABLES: [(&str, &[&str]); 6] = [
-    ("home", &["at", "heading_deg?"]),
-    ("wall", &["from", "to"]),
-    ("door", &["at", "width"]),
-    ("box", &["at", "size"]),
-    ("goal", &["name", "at", "heading_deg?"]),
-    ("forbidden", &["from", "to"]),
-];
-/// The only table that stands there once.
-const SINGLE: &str = "home";
+const SCHEMA: Schema = Schema {
+    tables: &[
+        ("home", &["at", "heading_deg?"]),
+        ("wall", &["from", "to"]),
+        ("door", &["at", "width"]),
+        ("box", &["at", "size"]),
+        ("goal", &["name", "at", "heading_deg?"]),
+        ("forbidden", &["from", "to"]),
+    ],
+    single: Some("home"),
+};
 
 /// Reads a world.
 ///
 /// # Errors
 /// When the text is no TOML, a key is unknown, missing, or has an impossible value.
 pub fn parse(text: &str) -> Result<WorldParts, TextError> {
-    let (document, errors) = DeTable::parse_recoverable(text);
-    if let Some(error) = errors.first() {
-        let found = error.message().replace('\n', " ");
-        return Err(TextError { line: line_of(text, error.span()), found, expected: "TOML".to_owned() });
-    }
-    let reader = Reader { text };
-    let mut items: BTreeMap<&str, Vec<Item<'_>>> = BTreeMap::new();
-    for (name, value) in document.get_ref() {
-        let known = TABLES.iter().find(|(table, _)| table == name.get_ref());
-        let (table, keys) = known.ok_or_else(|| {
-            reader.unknown("table", name.get_ref(), &name.span(), TABLES.iter().map(|(table, _)| *table))
-        })?;
-        items.insert(table, reader.items(table, keys, value)?);
-    }
+    let document = tables::parse(text)?;
+    let items = tables::items(text, &document, &SCHEMA)?;
     let all = |table: &str| items.get(table).map(Vec::as_slice).unwrap_or_default();
     let mut parts = WorldParts::default();
     for home in all("home") {
-        parts.places.home = Some(home.pose()?);
+        parts.places.home = Some(pose(home)?);
     }
-    let walls: Vec<Segment> = all("wall").iter().map(Item::segment).collect::<Result<_, _>>()?;
+    let walls: Vec<Segment> = all("wall").iter().map(segment).collect::<Result<_, _>>()?;
     parts.walls = with_doors(&walls, all("door"))?;
     for item in all("box") {
         let ([x, y], [width, height]) = (item.pair("at", PLACE)?, item.pair("size", SIZE)?);
@@ -87,14 +70,13 @@ pub fn parse(text: &str) -> Result<WorldParts, TextError> {
         parts.walls.extend([(a, b), (b, c), (c, d), (d, a)].map(|(from, to)| Segment { from, to }));
     }
     for item in all("goal") {
-        let has_heading = item.fields.contains_key("heading_deg");
-        parts.places.goals.push(Goal { name: item.text("name")?, pose: item.pose()?, has_heading });
+        let has_heading = item.has("heading_deg");
+        parts.places.goals.push(Goal { name: item.text("name")?, pose: pose(item)?, has_heading });
     }
-    parts.places.forbidden = all("forbidden").iter().map(Item::segment).collect::<Result<_, _>>()?;
+    parts.places.forbidden = all("forbidden").iter().map(segment).collect::<Result<_, _>>()?;
     Ok(parts)
 }
 
-const PLACE: &str = "[x, y], metres";
 const SIZE: &str = "[width, height], metres above 0";
 const WIDTH: &str = "metres above 0";
 
@@ -146,149 +128,14 @@ fn place_on(Segment { from, to }: Segment, at: [f64; 2]) -> Option<(f64, f64, f6
     (length > 0.0).then(|| ((x * dx + y * dy) / length, length, ((x * dy - y * dx) / length).abs()))
 }
 
-struct Reader<'a> {
-    text: &'a str,
+fn segment(item: &Item<'_>) -> Result<Segment, TextError> {
+    Ok(Segment { from: item.pair("from", PLACE)?, to: item.pair("to", PLACE)? })
 }
 
-/// One table, its keys known.
-struct Item<'a> {
-    text: &'a str,
-    table: &'static str,
-    span: Range<usize>,
-    fields: BTreeMap<&'a str, &'a Spanned<DeValue<'a>>>,
-}
-
-impl<'a> Reader<'a> {
-    /// The tables of one name.
-    fn items(
-        &self,
-        table: &'static str,
-        keys: &[&'static str],
-        value: &'a Spanned<DeValue<'a>>,
-    ) -> Result<Vec<Item<'a>>, TextError> {
-        match value.get_ref() {
-            DeValue::Table(fields) if table == SINGLE => Ok(vec![self.item(table, keys, &value.span(), fields)?]),
-            DeValue::Array(items) if table != SINGLE => items
-                .iter()
-                .map(|item| match item.get_ref() {
-                    DeValue::Table(fields) => self.item(table, keys, &item.span(), fields),
-                    _ => Err(self.not_tables(table, &item.span())),
-                })
-                .collect(),
-            _ => Err(self.not_tables(table, &value.span())),
-        }
-    }
-
-    fn item(
-        &self,
-        table: &'static str,
-        keys: &[&'static str],
-        span: &Range<usize>,
-        fields: &'a DeTable<'a>,
-    ) -> Result<Item<'a>, TextError> {
-        let mut known = BTreeMap::new();
-        for (name, value) in fields {
-            if !keys.iter().any(|key| key.trim_end_matches('?') == name.get_ref()) {
-                let names = keys.iter().map(|key| key.trim_end_matches('?'));
-                return Err(self.unknown("key", name.get_ref(), &name.span(), names));
-            }
-            known.insert(name.get_ref().as_ref(), value);
-        }
-        let item = Item { text: self.text, table, span: span.clone(), fields: known };
-        match keys.iter().find(|key| !key.ends_with('?') && !item.fields.contains_key(**key)) {
-            Some(missing) => Err(TextError {
-                line: line_of(self.text, Some(span.clone())),
-                found: format!("a {table} without {missing}"),
-                expected: format!("{table} with {}", keys.join(", ")),
-            }),
-            None => Ok(item),
-        }
-    }
-
-    fn unknown<'k>(
-        &self,
-        what: &str,
-        name: &str,
-        span: &Range<usize>,
-        known: impl Iterator<Item = &'k str> + Clone,
-    ) -> TextError {
-        let mut expected = known.clone().collect::<Vec<_>>().join(", ");
-        if let Some(near) = near_word(name, known) {
-            expected += &format!("; did you mean {near}?");
-        }
-        TextError {
-            line: line_of(self.text, Some(span.clone())),
-            found: format!("unknown {what} {}", quoted(name)),
-            expected,
-        }
-    }
-
-    fn not_tables(&self, table: &str, span: &Range<usize>) -> TextError {
-        let expected = if table == SINGLE { format!("one table [{table}]") } else { format!("tables [[{table}]]") };
-        TextError { line: line_of(self.text, Some(span.clone())), found: format!("{table} is none"), expected }
-    }
-}
-
-impl Item<'_> {
-    fn wrong(&self, key: &str, expected: &str) -> TextError {
-        let span = self.fields.get(key).map_or(self.span.clone(), |value| value.span());
-        let found =
-            format!("{} of {} is {}", key, self.table, shortened(self.text.get(span.clone()).unwrap_or_default()));
-        TextError { line: line_of(self.text, Some(span)), found, expected: expected.to_owned() }
-    }
-
-    fn pair(&self, key: &str, expected: &'static str) -> Result<[f64; 2], TextError> {
-        let numbers = match self.fields.get(key).map(|value| value.get_ref()) {
-            Some(DeValue::Array(items)) => items.iter().map(|item| number(item.get_ref())).collect(),
-            _ => None,
-        };
-        numbers.and_then(|numbers: Vec<f64>| numbers.try_into().ok()).ok_or_else(|| self.wrong(key, expected))
-    }
-
-    fn number(&self, key: &str, expected: &'static str) -> Result<Option<f64>, TextError> {
-        let value = self.fields.get(key).map(|value| number(value.get_ref()).ok_or_else(|| self.wrong(key, expected)));
-        value.transpose()
-    }
-
-    fn text(&self, key: &str) -> Result<String, TextError> {
-        match self.fields.get(key).map(|value| value.get_ref()) {
-            Some(DeValue::String(text)) if !text.trim().is_empty() => Ok(text.to_string()),
-            _ => Err(self.wrong(key, "a text in quotes")),
-        }
-    }
-
-    fn segment(&self) -> Result<Segment, TextError> {
-        Ok(Segment { from: self.pair("from", PLACE)?, to: self.pair("to", PLACE)? })
-    }
-
-    fn pose(&self) -> Result<Pose2, TextError> {
-        let [x, y] = self.pair("at", PLACE)?;
-        let degrees = self.number("heading_deg", "degrees")?.unwrap_or(0.0);
-        Ok(Pose2::new(x, y, degrees * core::f64::consts::PI / 180.0))
-    }
-}
-
-fn number(value: &DeValue<'_>) -> Option<f64> {
-    let number: f64 = match value {
-        DeValue::Integer(integer) => i64::from_str_radix(integer.as_str(), integer.radix()).ok()? as f64,
-        DeValue::Float(float) => float.as_str().parse().ok()?,
-        _ => return None,
-    };
-    number.is_finite().then_some(number)
-}
-
-/// Counted from 1.
-fn line_of(text: &str, span: Option<Range<usize>>) -> usize {
-    let before = text.as_bytes().get(..span.map_or(0, |span| span.start)).unwrap_or_default();
-    before.iter().filter(|byte| **byte == b'\n').count() + 1
-}
-
-fn shortened(text: &str) -> String {
-    text.chars().take(60).map(|c| if c.is_control() { ' ' } else { c }).collect()
-}
-
-pub(super) fn quoted(text: &str) -> String {
-    format!("\"{}\"", shortened(text))
+fn pose(item: &Item<'_>) -> Result<Pose2, TextError> {
+    let [x, y] = item.pair("at", PLACE)?;
+    let degrees = item.number("heading_deg", "degrees")?.unwrap_or(0.0);
+    Ok(Pose2::new(x, y, degrees * core::f64::consts::PI / 180.0))
 }
 
 #[cfg(test)]
