@@ -40,10 +40,17 @@ pub enum WorldFileError {
         source: io::Error,
     },
     /// An ending that says nothing.
-    #[error("{}: not known as a world; expected .map (MobileSim), .toml (echogrid's own) or .yaml (map_server)", path.display())]
+    #[error(
+        "{}: not known as a world; expected {} (which come along), .map (MobileSim), .toml (echogrid's own) or .yaml (map_server){}",
+        path.display(),
+        super::builtin_worlds().collect::<Vec<_>>().join(", "),
+        near.map(|near| format!("; did you mean {near}?")).unwrap_or_default()
+    )]
     Ending {
         /// The file.
         path: PathBuf,
+        /// A world that comes along, of nearly that name.
+        near: Option<&'static str>,
     },
     /// The text is wrong.
     #[error("{}: {source}", path.display())]
@@ -67,6 +74,11 @@ pub enum WorldFileError {
 }
 
 impl WorldFileError {
+    pub(super) fn ending(path: &Path) -> Self {
+        let near = path.to_str().and_then(|name| crate::near::near_word(name, super::builtin_worlds()));
+        Self::Ending { path: path.to_path_buf(), near }
+    }
+
     pub(super) fn read(path: &Path, source: io::Error) -> Self {
         if source.kind() == io::ErrorKind::NotFound {
             Self::NotFound { path: path.to_path_buf(), near: crate::near::near_file(path) }

@@ -24,13 +24,18 @@
 //! [[forbidden]]           # a line not to cross, though nothing is there to see
 //! from = [0.0, 0.0]
 //! to = [1.0, 0.0]
+//!
+//! [[person]]              # walks to and fro; only a simulator sees them
+//! path = [[2.0, 6.0], [20.0, 6.0]]
+//! speed_mps = 0.8
+//! radius_m = 0.25
 //! ```
 
 use std::collections::BTreeMap;
 use std::ops::Range;
 
 use echogrid_core::Pose2;
-use echogrid_core::world::{Goal, Segment, WorldParts};
+use echogrid_core::world::{Goal, Person, Segment, WorldParts};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -41,13 +46,14 @@ use crate::near::near_word;
 const DOOR_REACH_M: f64 = 0.05;
 
 /// Tables and their keys; `?` marks a key that may be left out.
-const TABLES: [(&str, &[&str]); 6] = [
+const TABLES: [(&str, &[&str]); 7] = [
     ("home", &["at", "heading_deg?"]),
     ("wall", &["from", "to"]),
     ("door", &["at", "width"]),
     ("box", &["at", "size"]),
     ("goal", &["name", "at", "heading_deg?"]),
     ("forbidden", &["from", "to"]),
+    ("person", &["path", "speed_mps", "radius_m"]),
 ];
 /// The only table that stands there once.
 const SINGLE: &str = "home";
@@ -91,12 +97,16 @@ pub fn parse(text: &str) -> Result<WorldParts, TextError> {
         parts.places.goals.push(Goal { name: item.text("name")?, pose: item.pose()?, has_heading });
     }
     parts.places.forbidden = all("forbidden").iter().map(Item::segment).collect::<Result<_, _>>()?;
+    parts.people = all("person").iter().map(Item::person).collect::<Result<_, _>>()?;
     Ok(parts)
 }
 
 const PLACE: &str = "[x, y], metres";
 const SIZE: &str = "[width, height], metres above 0";
 const WIDTH: &str = "metres above 0";
+const PATH: &str = "[[x, y], [x, y]], metres, two places or more that are not all the same";
+const SPEED: &str = "metres per second from 0 to 10";
+const RADIUS: &str = "metres from 0.01 to 2";
 
 /// Walls with openings where doors are.
 fn with_doors(walls: &[Segment], doors: &[Item<'_>]) -> Result<Vec<Segment>, TextError> {
@@ -261,6 +271,23 @@ impl Item<'_> {
         Ok(Segment { from: self.pair("from", PLACE)?, to: self.pair("to", PLACE)? })
     }
 
+    fn person(&self) -> Result<Person, TextError> {
+        let places = match self.fields.get("path").map(|value| value.get_ref()) {
+            Some(DeValue::Array(items)) => items.iter().map(|item| pair(item.get_ref())).collect(),
+            _ => None,
+        };
+        let within = |key: &str, least: f64, most: f64, expected: &'static str| {
+            let value = self.number(key, expected)?.filter(|value| (least..=most).contains(value));
+            value.ok_or_else(|| self.wrong(key, expected))
+        };
+        let path: Vec<[f64; 2]> = places.ok_or_else(|| self.wrong("path", PATH))?;
+        if path.len() < 2 || path.iter().all(|place| *place == path[0]) {
+            return Err(self.wrong("path", PATH));
+        }
+        let speed_mps = within("speed_mps", 0.0, 10.0, SPEED)?;
+        Ok(Person { path, speed_mps, radius_m: within("radius_m", 0.01, 2.0, RADIUS)? })
+    }
+
     fn pose(&self) -> Result<Pose2, TextError> {
         let [x, y] = self.pair("at", PLACE)?;
         let degrees = self.number("heading_deg", "degrees")?.unwrap_or(0.0);
@@ -275,6 +302,15 @@ fn number(value: &DeValue<'_>) -> Option<f64> {
         _ => return None,
     };
     number.is_finite().then_some(number)
+}
+
+fn pair(value: &DeValue<'_>) -> Option<[f64; 2]> {
+    match value {
+        DeValue::Array(items) if items.len() == 2 => {
+            Some([number(items.first()?.get_ref())?, number(items.get(1)?.get_ref())?])
+        }
+        _ => None,
+    }
 }
 
 /// Counted from 1.
@@ -300,7 +336,8 @@ mod tests {
     const WORLD: &str = "[home]\nat = [1.0, 6]\nheading_deg = 90\n\n[[wall]]\nfrom = [0.0, 5.0]\nto = [22.0, 5.0]\n\n\
         [[door]]\nat = [10.0, 5.0]\nwidth = 1.2\n\n[[door]]\nat = [3.0, 5.0]\nwidth = 1.2\n\n\
         [[box]]\nat = [1.0, 1.0]\nsize = [2.0, 0.5]\n\n[[goal]]\nname = \"Kitchen\"\nat = [4.5, 1.5]\n\n\
-        [[forbidden]]\nfrom = [0, 0]\nto = [1, 0]\n";
+        [[forbidden]]\nfrom = [0, 0]\nto = [1, 0]\n\n\
+        [[person]]\npath = [[2, 6], [20, 6.5]]\nspeed_mps = 0.8\nradius_m = 0.25\n";
 
     #[test]
     fn all_of_it() {
@@ -312,6 +349,8 @@ mod tests {
         assert_eq!(parts.places.home, Some(Pose2::new(1.0, 6.0, core::f64::consts::FRAC_PI_2)));
         assert_eq!((parts.places.goals[0].name.as_str(), parts.places.goals[0].has_heading), ("Kitchen", false));
         assert_eq!(parts.places.forbidden, [line(0.0, 0.0, 1.0, 0.0)]);
+        let person = Person { path: vec![[2.0, 6.0], [20.0, 6.5]], speed_mps: 0.8, radius_m: 0.25 };
+        assert_eq!(parts.people, [person]);
     }
 
     #[test]
@@ -323,7 +362,7 @@ mod tests {
         check(
             "[[wall]]",
             "[[wal]]",
-            "line 5: unknown table \"wal\"; expected home, wall, door, box, goal, forbidden; did you mean wall?",
+            "line 5: unknown table \"wal\"; expected home, wall, door, box, goal, forbidden, person; did you mean wall?",
         );
         check("from =", "form =", "line 6: unknown key \"form\"; expected from, to; did you mean from?");
         check("to = [22.0, 5.0]", "to = [22.0]", "line 7: to of wall is [22.0]; expected [x, y], metres");
@@ -338,6 +377,16 @@ mod tests {
         check("[home]", "[[home]]", "expected one table [home]");
         check("[[wall]]", "[wall]", "expected tables [[wall]]");
         check("[[wall]]", "[[wall]", "expected TOML");
+        check("path = [[2, 6], [20, 6.5]]", "path = [[2, 6]]", "path of person is [[2, 6]]; expected [[x, y], [x, y]]");
+        check("[20, 6.5]", "[2, 6]", "two places or more that are not all the same");
+        check("[20, 6.5]", "[20, inf]", "path of person is");
+        check(
+            "speed_mps = 0.8",
+            "speed_mps = -1",
+            "speed_mps of person is -1; expected metres per second from 0 to 10",
+        );
+        check("radius_m = 0.25", "radius_m = \"big\"", "radius_m of person is \"big\"; expected metres from 0.01 to 2");
+        check("radius_m = 0.25", "", "a person without radius_m");
         check("heading_deg = 90", "heading_deg = true", "line 3: heading_deg of home is true; expected degrees");
     }
 
