@@ -33,7 +33,7 @@ pub enum Command {
     Up {
         /// Graph file (TOML); see `echogrid check` for every key.
         graph: PathBuf,
-        /// The sensor: `replay`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// What is set for the run.
@@ -47,7 +47,7 @@ pub enum Command {
     Check {
         /// Graph file (TOML); none: the built-in graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// What is set for the run.
@@ -77,8 +77,8 @@ pub enum Command {
     Score {
         /// Native map, map.echogrid.
         map: PathBuf,
-        /// The world: .toml, .map (MobileSim) or .yaml (map_server).
-        #[arg(long, value_name = "FILE")]
+        /// The world: office, room, or a file: .toml, .map (MobileSim) or .yaml (map_server).
+        #[arg(long, value_name = "NAME|FILE")]
         world: PathBuf,
         /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
         #[arg(long, value_name = "LOG")]
@@ -95,7 +95,7 @@ pub enum Command {
     },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, odometry, mapper or publisher.
+        /// replay, simulator, odometry, mapper or publisher.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
@@ -112,7 +112,7 @@ pub struct Settings {
     /// Speed: `max`, or times real time [default: max].
     #[arg(long)]
     pub rate: Option<String>,
-    /// Robot: pioneer3at, pioneer3dx, laser, a robot file, or `auto`: as the log says [default: auto].
+    /// Robot: pioneer3at, pioneer3dx, laser, a robot file, or `auto`: as the log says, pioneer3at if simulated [default: auto].
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<String>,
     /// Keeps this graph apart from others on the machine [default: one of its own].

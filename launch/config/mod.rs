@@ -1,7 +1,7 @@
 //! The launcher's configuration: what the user typed, and what it means.
 //!
 //! Settings come from four places, each over the one before: built-in defaults, the `[odometry]`
-//! of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
+//! and `[simulator]` of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
 //! everything that is wrong at once, and gives a [`Config`] in which everything is resolved: the
 //! rest of the program sees only that.
 
@@ -34,6 +34,7 @@ use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig};
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
+use echogrid_simulator::SimulatorConfig;
 use serde::{Deserialize, Serialize};
 
 pub use load::{Loaded, parse_graph};
@@ -55,6 +56,8 @@ pub struct Config {
     pub services: BTreeMap<String, Service>,
     /// What `builtin:replay` plays.
     pub replay: ReplayConfig,
+    /// What `builtin:simulator` simulates.
+    pub simulator: SimulatorConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
     /// The grid and the sensor model.
@@ -72,6 +75,7 @@ impl Default for Config {
             run: RunConfig::default(),
             services: default_services(),
             replay: ReplayConfig::default(),
+            simulator: SimulatorConfig::default(),
             odometry: OdometryConfig::default(),
             mapper: MapperConfig::default(),
             publisher: PublisherConfig::default(),

@@ -26,6 +26,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
             }
         }));
     };
+    add("simulator", refused(&config.simulator, |section| section.validate()));
     add("odometry", refused(&config.odometry, |section| section.validate()));
     add("mapper", refused(&config.mapper, |section| section.validate()));
     add("publisher", refused(&config.publisher, |section| section.validate()));

@@ -98,6 +98,8 @@ pub(crate) const BUILTIN_PREFIX: &str = "builtin:";
 pub enum Builtin {
     /// Plays a log.
     Replay,
+    /// Drives a simulated robot.
+    Simulator,
     /// Dead reckoning and its error.
     Odometry,
     /// The grid.
@@ -108,13 +110,14 @@ pub enum Builtin {
 
 impl Builtin {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Replay, Self::Odometry, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 5] = [Self::Replay, Self::Simulator, Self::Odometry, Self::Mapper, Self::Publisher];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Replay => "replay",
+            Self::Simulator => "simulator",
             Self::Odometry => "odometry",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
@@ -125,7 +128,7 @@ impl Builtin {
     #[must_use]
     pub fn kind(self) -> ServiceKind {
         match self {
-            Self::Replay => ServiceKind::Sensor,
+            Self::Replay | Self::Simulator => ServiceKind::Sensor,
             Self::Odometry => ServiceKind::Odometry,
             Self::Mapper => ServiceKind::Mapper,
             Self::Publisher => ServiceKind::Publisher,
@@ -144,9 +147,9 @@ impl TryFrom<String> for Exec {
 
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
-            Some(name) => Builtin::from_name(name)
-                .map(Self::Builtin)
-                .ok_or(NotA("builtin:replay, builtin:odometry, builtin:mapper or builtin:publisher")),
+            Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
+                "builtin:replay, builtin:simulator, builtin:odometry, builtin:mapper or builtin:publisher",
+            )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),
         }

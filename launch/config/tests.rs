@@ -78,7 +78,7 @@ fn bad_graph_files() {
     check("[mapper]\nsystematic = \"off\"", &["mapper.systematic: unknown key; it belongs to [odometry]"]);
     check("rate = 1", &["g.toml:1: rate: unknown key; it belongs to [run]"]);
     check("[maper]\nx = 1", &["g.toml:1: maper: unknown key; did you mean `mapper`?"]);
-    check("[sonar]", &["sonar: unknown key; known are run, replay, odometry, mapper, publisher, services"]);
+    check("[sonar]", &["sonar: unknown key; known are run, replay, simulator, odometry, mapper, publisher, services"]);
     check("[robot]", &["a robot is named by `run.robot`"]);
     check("mapper = 3", &["g.toml:1: mapper: expected a table `[mapper]`, found a number"]);
     check("[[mapper]]", &["expected a table `[mapper]`, found a list"]);

@@ -202,7 +202,7 @@ impl World {
         }
         let near = self.buckets.around(point, max_m).flat_map(|bucket| self.buckets.surfaces(bucket));
         let surfaces = near.filter_map(|index| self.surfaces.get(*index as usize));
-        surfaces.map(|surface| surface.from_point_m(point)).fold(max_m, f64::min)
+        surfaces.map(|surface| surface.off_point_m(point)).fold(max_m, f64::min)
     }
 
     /// Every line that comes as near to a point as `reach_m`.
@@ -214,7 +214,7 @@ impl World {
         near.dedup();
         let surfaces = near.into_iter().filter_map(|index| self.surfaces.get(index as usize));
         surfaces
-            .filter(|surface| surface.from_point_m(point) <= reach_m)
+            .filter(|surface| surface.off_point_m(point) <= reach_m)
             .filter_map(|surface| match surface {
                 Surface::Wall(segment) => Some(*segment),
                 Surface::Point { .. } => None,

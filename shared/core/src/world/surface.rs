@@ -82,7 +82,7 @@ impl Surface {
     }
 
     /// How far a point is from this, metres; 0 within a disc.
-    pub(super) fn from_point_m(&self, point: [f64; 2]) -> f64 {
+    pub(super) fn off_point_m(&self, point: [f64; 2]) -> f64 {
         match self {
             Self::Wall(Segment { from, to }) => {
                 let (along, there) = (between(*from, *to), between(*from, point));
