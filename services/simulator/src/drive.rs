@@ -174,7 +174,7 @@ impl Drive {
         self.turned_rad += turn_rad + bump_rad;
     }
 
-    /// Against a wall: it stands, and its wheels with it.
+    /// It stands, and its wheels with it.
     pub(crate) fn halt(&mut self) {
         (self.v_mps, self.w_radps) = (0.0, 0.0);
     }
@@ -208,18 +208,21 @@ impl Script {
             Motion::Straight { metres } => {
                 let left_m = metres - (drive.ahead_m - self.ahead_m);
                 let v_mps = drive.speed_to_stop_in(left_m.abs()).copysign(left_m);
-                let command = Command { v_mps, at_most_m: Some(left_m.abs()), ..Command::default() };
+                let command =
+                    Command { v_mps, at_most_m: Some(left_m.abs()), at_most_rad: Some(0.0), ..Command::default() };
                 (left_m.abs() > THERE).then_some(command)
             }
             Motion::Turn { radians } => {
                 let left_rad = radians - (drive.turned_rad - self.turned_rad);
                 let w_radps = drive.turn_to_stop_in(left_rad.abs()).copysign(left_rad);
-                let command = Command { w_radps, at_most_rad: Some(left_rad.abs()), ..Command::default() };
+                let command =
+                    Command { w_radps, at_most_rad: Some(left_rad.abs()), at_most_m: Some(0.0), ..Command::default() };
                 (left_rad.abs() > THERE).then_some(command)
             }
             Motion::Wait { seconds } => {
                 self.waited_s += dt_s;
-                (self.waited_s < seconds + dt_s).then_some(Command::default())
+                let still = Command { at_most_m: Some(0.0), at_most_rad: Some(0.0), ..Command::default() };
+                (self.waited_s < seconds + dt_s).then_some(still)
             }
         }
     }

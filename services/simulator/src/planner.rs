@@ -12,6 +12,11 @@ const CELLS_MAX: f64 = 1.6e7;
 /// Cost of a step along an axis, and of one across: whole numbers add up the same in any order.
 const STRAIGHT: u32 = 70;
 const DIAGONAL: u32 = 99;
+/// Where it is tight, a step costs so many times as much: a way goes through the middle of a door, and round a corner in
+/// one bend.
+const TIGHT_COST: u32 = 3;
+/// Beyond the clearance, metres.
+const TIGHT_M: f64 = 0.2;
 
 /// Where a robot can stand in a world.
 #[derive(Debug, Clone)]
@@ -20,8 +25,16 @@ pub(crate) struct Planner {
     cell_m: f64,
     columns: usize,
     rows: usize,
-    /// Cells from which some surface or forbidden line is too near.
-    blocked: Vec<bool>,
+    cells: Vec<Cell>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+enum Cell {
+    Free,
+    /// Some surface or forbidden line is not far.
+    Tight,
+    /// It is too near.
+    Blocked,
 }
 
 impl Planner {
@@ -40,7 +53,7 @@ impl Planner {
         let cell_m = CELL_M.max((size(0) * size(1) / CELLS_MAX).sqrt()).max(size(0).max(size(1)) / CELLS_MAX);
         let (columns, rows) = ((size(0) / cell_m) as usize + 1, (size(1) / cell_m) as usize + 1);
         let low_m = [low_m[0] - room_m, low_m[1] - room_m];
-        let mut planner = Self { low_m, cell_m, columns, rows, blocked: vec![false; columns * rows] };
+        let mut planner = Self { low_m, cell_m, columns, rows, cells: vec![Cell::Free; columns * rows] };
         // A free cell keeps its distance in all of it.
         let reach_m = clearance_m + 0.7072 * cell_m;
         let forbidden = &world.parts().places.forbidden;
@@ -65,17 +78,19 @@ impl Planner {
         let steps = (length_m / self.cell_m).ceil().max(1.0);
         // Discs so close together cover all between them but for less than a twentieth of a cell.
         let reach = reach_m / self.cell_m + 0.05;
-        let span = reach.ceil() as i64 + 1;
+        let tight = reach + TIGHT_M / self.cell_m;
+        let span = tight.ceil() as i64 + 1;
         for step in 0..=(steps as usize) {
             let part = step as f64 / steps;
             let [x, y] = self.scaled([from[0] + part * along[0], from[1] + part * along[1]]);
             for row in (y.floor() as i64 - span)..=(y.floor() as i64 + span) {
                 for column in (x.floor() as i64 - span)..=(x.floor() as i64 + span) {
                     let (dx, dy) = (column as f64 + 0.5 - x, row as f64 + 0.5 - y);
-                    if dx * dx + dy * dy <= reach * reach
-                        && let Some(index) = self.index(column, row)
-                    {
-                        self.blocked[index] = true;
+                    let square = dx * dx + dy * dy;
+                    let Some(index) = self.index(column, row).filter(|_| square <= tight * tight) else { continue };
+                    let cell = if square <= reach * reach { Cell::Blocked } else { Cell::Tight };
+                    if cell > self.cells[index] {
+                        self.cells[index] = cell;
                     }
                 }
             }
@@ -96,8 +111,12 @@ impl Planner {
         if x.is_finite() && y.is_finite() { self.index(x.floor() as i64, y.floor() as i64) } else { None }
     }
 
+    fn is_blocked(&self, index: usize) -> bool {
+        self.cells[index] == Cell::Blocked
+    }
+
     fn is_free(&self, place: [f64; 2]) -> bool {
-        self.cell(place).is_some_and(|index| !self.blocked[index])
+        self.cell(place).is_some_and(|index| !self.is_blocked(index))
     }
 
     fn centre(&self, index: usize) -> [f64; 2] {
@@ -109,10 +128,10 @@ impl Planner {
     /// something may leave it: bumps and people push a robot about.
     pub(crate) fn way(&self, from: [f64; 2], to: [f64; 2]) -> Option<Vec<[f64; 2]>> {
         let (start, goal) = (self.cell(from)?, self.cell(to)?);
-        if self.blocked[goal] {
+        if self.is_blocked(goal) {
             return None;
         }
-        let left = if self.blocked[start] { self.nearest_free(start)? } else { start };
+        let left = if self.is_blocked(start) { self.nearest_free(start)? } else { start };
         let cells = self.shortest(left, goal)?;
         let mut corners: Vec<[f64; 2]> = cells.into_iter().map(|cell| self.centre(cell)).collect();
         let mut way = Vec::new();
@@ -128,19 +147,9 @@ impl Planner {
         let mut at = 0;
         while at + 1 < corners.len() {
             // As far as one can go straight on.
-            let mut next = at + 1;
-            let mut leap = 1;
-            while leap > 0 {
-                let beyond = (next + leap).min(corners.len() - 1);
-                if beyond > next && self.is_straight(corners[at], corners[beyond]) {
-                    next = beyond;
-                    leap *= 2;
-                } else {
-                    leap /= 2;
-                }
-            }
-            way.push(corners[next]);
-            at = next;
+            let straight = |next: &usize| self.is_straight(corners[at], corners[*next]);
+            at = (at + 2..corners.len()).take_while(straight).last().unwrap_or(at + 1);
+            way.push(corners[at]);
         }
         Some(way)
     }
@@ -161,7 +170,7 @@ impl Planner {
         let around = (-10..=10_i64).flat_map(|dy| (-10..=10_i64).map(move |dx| (dx * dx + dy * dy, dx, dy)));
         let free = around.filter_map(|(distance, dx, dy)| {
             let index = self.index(column + dx, row + dy)?;
-            (!self.blocked[index]).then_some((distance, index))
+            (!self.is_blocked(index)).then_some((distance, index))
         });
         free.min().map(|(_, index)| index)
     }
@@ -184,8 +193,8 @@ impl Planner {
             let (dx, dy) = (column.abs_diff(goal_column) as u32, row.abs_diff(goal_row) as u32);
             STRAIGHT * dx.abs_diff(dy) + DIAGONAL * dx.min(dy)
         };
-        let mut cost = vec![u32::MAX; self.blocked.len()];
-        let mut came_by = vec![u8::MAX; self.blocked.len()];
+        let mut cost = vec![u32::MAX; self.cells.len()];
+        let mut came_by = vec![u8::MAX; self.cells.len()];
         let mut open = BinaryHeap::new();
         cost[start] = 0;
         open.push(Reverse((at_least(place(start)), start)));
@@ -200,11 +209,12 @@ impl Planner {
             for (number, (dx, dy, step)) in (0u8..).zip(NEIGHBOURS) {
                 let there = (here.0 + dx, here.1 + dy);
                 let Some(next) = self.index(there.0, there.1) else { continue };
-                let through = cost[index] + step;
-                if !self.blocked[next] && through < cost[next] {
+                let factor = if self.cells[next] == Cell::Tight { TIGHT_COST } else { 1 };
+                let through = cost[index].saturating_add(step * factor);
+                if !self.is_blocked(next) && through < cost[next] {
                     cost[next] = through;
                     came_by[next] = number;
-                    open.push(Reverse((through + at_least(there), next)));
+                    open.push(Reverse((through.saturating_add(at_least(there)), next)));
                 }
             }
         }

@@ -155,6 +155,9 @@ impl Simulator {
     /// At its start, without a plan.
     fn standing(config: &SimulatorConfig, world: World, robot: Robot) -> Result<Self, SimulatorError> {
         config.validate()?;
+        if robot.transducer_count() == 0 {
+            return Err(SimulatorError::NoSensor { robot: robot.name });
+        }
         let robot_radius_m = radius_m(robot.footprint);
         let start = start(config, &world, robot_radius_m)?;
         let ring = Ring::new(config, &robot)?;
@@ -316,6 +319,7 @@ impl Simulator {
             Some(command) => command,
             None => {
                 self.ending = true;
+                self.drive.halt();
                 Command::default()
             }
         };
