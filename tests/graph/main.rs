@@ -10,5 +10,6 @@ mod real_logs;
 mod score;
 mod sensors;
 mod shutdown;
+mod simulator;
 mod support;
 mod talk;

@@ -137,6 +137,11 @@ impl Ring {
         }
         self.before = places.into_iter().enumerate().collect();
         self.next = (self.next + 1) % self.slots.len();
-        (self.next == 0).then(|| self.readings.clone())
+        (self.next == 0).then(|| {
+            // A scan is in the order of the transducers, as a log has it.
+            self.readings.sort_by_key(|reading| reading.transducer);
+            self.heard.sort_by_key(|heard| heard.transducer);
+            self.readings.clone()
+        })
     }
 }

@@ -312,8 +312,9 @@ impl Sonar {
     fn around(&self, acoustics: &Acoustics, scene: &Scene<'_>, from: Mirrored, limit_m: f64) -> Option<f64> {
         let mut ray = from;
         for _ in 0..acoustics.bounces {
-            let left_m = limit_m - ray.way_m;
-            if left_m <= 0.0 || !self.hears(ray.strength, ray.way_m) {
+            // Farther away it would be too faint: no need to look there.
+            let left_m = limit_m.min(ray.strength * self.transducer.range_max_m / HEARING) - ray.way_m;
+            if left_m <= 0.0 {
                 return None;
             }
             let meeting = scene.world.meet(ray.at, ray.direction, left_m);
