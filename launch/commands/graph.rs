@@ -31,13 +31,13 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
     let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
-    // The sensor will read the log as we did, beside the others.
-    let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     // So is what is wrong with the world, or the way through it.
     if simulates(config) {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
         probe_record(&config.simulator.record)?;
     }
+    // The sensor will read log or world as we did, beside the others.
+    let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     probe_output(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),

@@ -16,6 +16,8 @@ const NEAR_M: f64 = 0.02;
 const AIMED_RAD: f64 = 0.01;
 /// While it drives: beyond this it stops and turns anew, radians.
 const ASTRAY_RAD: f64 = 0.3;
+/// A robot that is faster than this gets on, m/s.
+const MOVES_MPS: f64 = 0.05;
 /// Turn rate against an error of heading while it drives, rad/s per radian.
 const STEER_PER_S: f64 = 2.0;
 /// The robot keeps so far from people ahead, beyond both their radii, metres.
@@ -84,7 +86,10 @@ pub(crate) struct Tour {
     /// Corners to the first of `stops`.
     way: VecDeque<[f64; 2]>,
     phase: Phase,
+    /// How long somebody has been in the way.
     blocked_s: f64,
+    /// How long a wall has.
+    stalled_s: f64,
     patience_s: f64,
     robot_radius_m: f64,
     /// Stops that it gave up.
@@ -136,6 +141,7 @@ impl Tour {
             way: way.into(),
             phase: Phase::Aim,
             blocked_s: 0.0,
+            stalled_s: 0.0,
             patience_s: config.patience_s,
             robot_radius_m,
             given_up: Vec::new(),
@@ -183,6 +189,9 @@ impl Tour {
                 return Some(Command::default());
             }
             self.blocked_s = 0.0;
+            if drive.v_mps() > MOVES_MPS {
+                self.stalled_s = 0.0;
+            }
             let command = Command {
                 v_mps: drive.speed_to_stop_in(left_m),
                 w_radps: STEER_PER_S * error,
@@ -195,8 +204,8 @@ impl Tour {
 
     /// It could not move though it was told to.
     pub(crate) fn stalled(&mut self, drive: &Drive, dt_s: f64) {
-        self.blocked_s += dt_s;
-        if self.blocked_s > self.patience_s {
+        self.stalled_s += dt_s;
+        if self.stalled_s > self.patience_s {
             self.give_up(drive);
         }
     }
@@ -212,7 +221,7 @@ impl Tour {
     /// The next stop that there is a way to.
     fn leave_for_next(&mut self, drive: &Drive) {
         self.stops.pop_front();
-        self.blocked_s = 0.0;
+        (self.blocked_s, self.stalled_s) = (0.0, 0.0);
         self.phase = Phase::Aim;
         let Pose2 { x, y, .. } = drive.true_pose();
         while let Some(stop) = self.stops.front() {

@@ -31,6 +31,23 @@ fn the_tour_of_the_office_touches_nothing_and_goes_everywhere() {
     assert!(simulator.given_up().is_empty());
 }
 
+#[test]
+fn on_the_roughest_floor_it_touches_nothing_and_comes_to_an_end() {
+    let world = named("office");
+    for seed in 1..4 {
+        let config =
+            SimulatorConfig { seed, bumps_per_m: 4.0, bump_rad: 0.4, margin_m: 0.0, ..pioneer_config("office") };
+        let mut simulator = Simulator::new(&config, world.clone(), pioneer()).unwrap();
+        let mut messages = 0;
+        while simulator.next().unwrap().is_some() {
+            let pose = simulator.true_pose();
+            assert!(world.clearance_m([pose.x, pose.y], 1.0) >= RADIUS_M, "{pose:?}");
+            messages += 1;
+            assert!(messages < 100_000, "it never ends");
+        }
+    }
+}
+
 /// A corridor of 3 × 12 m with somebody in it.
 fn corridor(path: Vec<[f64; 2]>, speed_mps: f64) -> World {
     let walls = vec![line(0.0, 0.0, 12.0, 0.0), line(0.0, 3.0, 12.0, 3.0), line(0.0, 0.0, 0.0, 3.0)];
