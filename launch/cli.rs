@@ -33,7 +33,7 @@ pub enum Command {
     Up {
         /// Graph file (TOML); see `echogrid check` for every key.
         graph: PathBuf,
-        /// The sensor: `replay`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// What is set for the run.
@@ -47,7 +47,7 @@ pub enum Command {
     Check {
         /// Graph file (TOML); none: the built-in graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// What is set for the run.
@@ -80,7 +80,7 @@ pub enum Command {
         /// Metres, map frame.
         y: f64,
         /// Heading, radians counter-clockwise from x; or degrees, as in 90deg.
-        #[arg(value_parser = angle)]
+        #[arg(value_parser = angle, allow_hyphen_values = true)]
         theta: f64,
         /// How well the position is known: standard deviation along each axis, metres.
         #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = deviation)]
@@ -88,6 +88,18 @@ pub enum Command {
         /// How well the heading is known: standard deviation, radians, or degrees, as in 2deg.
         #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle)]
         heading_sigma: f64,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+    /// Drives the simulated robot of a running graph; what it was about before is forgotten.
+    #[command(allow_negative_numbers = true)]
+    Drive {
+        /// Forward speed, m/s.
+        v: f64,
+        /// Turn rate, rad/s, counter-clockwise; or degrees per second, as in 20deg.
+        #[arg(value_parser = angle, default_value = "0", allow_hyphen_values = true)]
+        w: f64,
         /// Which graph; may be left out when only one runs.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
@@ -109,8 +121,8 @@ pub enum Command {
     Score {
         /// Native map, map.echogrid.
         map: PathBuf,
-        /// The world: .toml, .map (MobileSim) or .yaml (map_server).
-        #[arg(long, value_name = "FILE")]
+        /// The world: office, room, or a file: .toml, .map (MobileSim) or .yaml (map_server).
+        #[arg(long, value_name = "NAME|FILE")]
         world: PathBuf,
         /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
         #[arg(long, value_name = "LOG")]
@@ -127,7 +139,7 @@ pub enum Command {
     },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, odometry, localizer, mapper or publisher.
+        /// replay, simulator, odometry, localizer, mapper or publisher.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
@@ -144,7 +156,7 @@ pub struct Settings {
     /// Speed: `max`, or times real time [default: max].
     #[arg(long)]
     pub rate: Option<String>,
-    /// Robot: pioneer3at, pioneer3dx, laser, a robot file, or `auto`: as the log says [default: auto].
+    /// Robot: pioneer3at, pioneer3dx, laser, a robot file, or `auto`: as the log says, pioneer3at if simulated [default: auto].
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<String>,
     /// Keeps this graph apart from others on the machine [default: one of its own].

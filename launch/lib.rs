@@ -3,6 +3,7 @@
 pub mod cli;
 pub mod commands;
 pub mod config;
+pub mod in_process;
 pub mod progress;
 pub mod summary;
 pub mod supervisor;

@@ -120,6 +120,15 @@ impl Summary {
     }
 }
 
+/// How often the robot was localized, as the end of a line.
+pub(crate) fn localized(fixes: u32) -> String {
+    match fixes {
+        0 => String::new(),
+        1 => ", localized once".to_owned(),
+        fixes => format!(", localized {fixes} times"),
+    }
+}
+
 /// What services say of themselves may be anything.
 fn sum(counts: impl Iterator<Item = u64>) -> u64 {
     counts.fold(0, u64::saturating_add)
@@ -164,11 +173,7 @@ impl fmt::Display for Summary {
             percent(known.saturating_sub(free).saturating_sub(occupied), known),
         )?;
         write!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
-        match self.fixes {
-            0 => writeln!(f)?,
-            1 => writeln!(f, ", localized once")?,
-            fixes => writeln!(f, ", localized {fixes} times")?,
-        }
+        writeln!(f, "{}", localized(self.fixes))?;
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
         let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;

@@ -1,4 +1,4 @@
-//! Any text as a world of our own: what is read makes a world, or says why not.
+//! Any text as a world of our own: what is read makes a world, with people on their ways in it, or says why not.
 #![no_main]
 
 use echogrid_core::World;
@@ -11,5 +11,10 @@ fuzz_target!(|text: &str| {
     {
         let [[x, y], _] = world.bounds_m();
         let _ = world.cast([x, y], 1.0, 10.0);
+        let _ = world.clearance_m([x, y], 10.0);
+        for person in &world.parts().people {
+            let [x, y] = person.at(0.5 * person.length_m());
+            assert!(x.is_finite() && y.is_finite());
+        }
     }
 });

@@ -9,6 +9,7 @@ use echogrid_formats::log::{self, LogSurvey, StampQuality};
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_localizer::config::Source;
 use echogrid_service::Plan;
+use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::MAX_SENSORS;
 
@@ -38,7 +39,12 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
             config.replay.log.display()
         );
     }
-    // The sensor will read the log as we did, beside the others.
+    // So is what is wrong with the world, or the way through it.
+    if simulates(config) {
+        Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
+        probe_record(&config.simulator.record)?;
+    }
+    // The sensor will read log or world as we did, beside the others.
     let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     probe_output(&config.run.out)?;
     let domain = match &config.run.domain {
@@ -65,7 +71,8 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
-    let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns);
+    // Simulated time begins at 0.
+    let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(simulates(config).then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.files = written(config, start);
@@ -75,6 +82,10 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
 
 fn plays_log(config: &Config) -> bool {
     config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay))
+}
+
+fn simulates(config: &Config) -> bool {
+    config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Simulator))
 }
 
 /// What the processes are told.
@@ -91,12 +102,7 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     let of_robot = robot.map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
     let provenance = provenance(config, survey)?;
     // What `auto` comes to, the processes can't know.
-    let mut config = config.clone();
-    let mended = config.has_localizer() || config.localizer.source == Source::Operator;
-    config.localization.hold = config.localization.hold.resolve(mended).into();
-    let is_real = config.services.values().any(|s| s.kind == ServiceKind::Sensor && matches!(s.exec, Exec::Path(_)));
-    config.localization.wait = config.localization.wait.resolve(!is_real).into();
-    let mut table = config.to_table()?;
+    let mut table = Config { localization: config.resolved_localization(), ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     Ok(Plan {
         rate: match config.run.rate {
@@ -128,9 +134,22 @@ fn probe_output(out: &Path) -> Result<()> {
     Ok(())
 }
 
+/// So is a folder for the record that can't be.
+fn probe_record(record: &Path) -> Result<()> {
+    if let Some(folder) = record.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        tempfile::tempfile_in(folder)
+            .with_context(|| format!("simulator.record: {} can't be written there", record.display()))?;
+    }
+    Ok(())
+}
+
 fn source(config: &Config) -> String {
     if plays_log(config) {
         return config.replay.log.file_name().unwrap_or(config.replay.log.as_os_str()).to_string_lossy().into_owned();
+    }
+    if simulates(config) {
+        let world = Path::new(&config.simulator.world);
+        return format!("simulator in {}", world.file_name().unwrap_or(world.as_os_str()).to_string_lossy());
     }
     let sensor = config.services.iter().find(|(_, service)| service.kind == ServiceKind::Sensor);
     sensor.map_or_else(|| "sensor".into(), |(name, _)| name.clone())

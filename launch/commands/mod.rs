@@ -41,6 +41,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Fix { x, y, theta, sigma, heading_sigma, domain }) => {
             talk::fix(domain.as_deref(), Pose2 { x, y, theta }, sigma, heading_sigma)
         }
+        Some(Command::Drive { v, w, domain }) => talk::drive(domain.as_deref(), v, w),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output }) => convert(&input, &output),
         Some(Command::Score { map, world, path, points, json, picture }) => {

@@ -4,8 +4,8 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
+use echogrid_core::Pose2;
 use echogrid_core::quality::{Quality, TrueCell, Truth};
-use echogrid_core::{Pose2, World};
 use echogrid_formats::log::{self, LogEvent};
 use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::world;
@@ -44,8 +44,8 @@ struct Score<'a> {
 /// Judges a map.
 pub(super) fn run(request: &Request) -> Result<()> {
     let document = native::read(&request.map)?;
-    let world = world::read(&request.world)?;
-    let (world, points_left_out) = if request.points { (world, 0) } else { walls_only(world)? };
+    let world = world::find(&request.world)?;
+    let (world, points_left_out) = if request.points { (world, 0) } else { world.walls_only()? };
     let path = match &request.path {
         Some(log) => true_path(log)?,
         None => own_path(&document, &request.map)?,
@@ -73,17 +73,6 @@ pub(super) fn run(request: &Request) -> Result<()> {
     } else {
         score.to_string()
     })
-}
-
-/// The world without its points, if it has walls: the points of a MobileSim world are what a laser once measured of
-/// them, off by centimetres, with people and furniture among them.
-fn walls_only(world: World) -> Result<(World, usize)> {
-    let mut parts = world.parts().clone();
-    if parts.points.is_empty() || (parts.walls.is_empty() && parts.solid.is_none()) {
-        return Ok((world, 0));
-    }
-    let left_out = core::mem::take(&mut parts.points).len();
-    Ok((World::new(parts)?, left_out))
 }
 
 /// Where the robot really was.

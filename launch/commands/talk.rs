@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use echogrid_core::{Fix, Pose2};
 use echogrid_service::Plan;
-use echogrid_topics::{Command, Domain, Health, Input, Message, Participant, Received, ServiceState, Topic};
+use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Message, Participant, Received, ServiceState, Topic};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::config::{self, ServiceKind};
@@ -38,6 +38,11 @@ pub(super) fn fix(domain: Option<&str>, pose: Pose2, position_sigma_m: f64, head
     let fix = Fix::about(pose, position_sigma_m, heading_sigma_rad);
     fix.validate().context("a robot can't be there")?;
     order(domain, ServiceKind::Odometry, Command::Fix(fix), DONE_WITHIN)
+}
+
+/// Drives a simulated robot.
+pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64) -> Result<()> {
+    order(domain, ServiceKind::Sensor, Command::Drive { v_mps, w_radps }, DONE_WITHIN)
 }
 
 /// Tells all services of a kind to do something, and prints what they say.
@@ -83,7 +88,37 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
             }
         };
     }
+    if let Some(map) = latest_map(&participant)? {
+        let state = match (map.held, map.degraded) {
+            (true, true) => ", degraded: mapping holds",
+            (true, false) => ", mapping holds",
+            (false, true) => ", degraded",
+            (false, false) => "",
+        };
+        let localized = crate::summary::localized(map.fixes);
+        let MapInfo { scans, trust, distance_m, .. } = map;
+        text += &format!("map        {scans} scans, {distance_m:.1} m, trust {trust:.3}{localized}{state}\n");
+    }
     super::print(&text)
+}
+
+/// The map in numbers, as the mapper told last.
+fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
+    let mut port = Input::open(participant, Topic::MapInfo)?;
+    let deadline = Instant::now() + HEARD_WITHIN;
+    loop {
+        port.hush()?;
+        if let Some(Received::Message(_, Message::Info(info))) = port.receive()? {
+            return Ok(Some(info));
+        }
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Ok(None);
+        }
+        let mut fds = [PollFd::new(port.fd(), PollFlags::POLLIN)];
+        let millis = u16::try_from(left.as_millis()).unwrap_or(u16::MAX);
+        poll(&mut fds, PollTimeout::from(millis)).context("waiting for the mapper")?;
+    }
 }
 
 /// The graph that was named, or the only one that runs.

@@ -25,6 +25,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     let mut config = Config::default();
     config.run = section("run", &config.run, settings)?;
     config.replay = section("replay", &config.replay, settings)?;
+    config.simulator = section("simulator", &config.simulator, settings)?;
     config.odometry = section("odometry", &config.odometry, settings)?;
     config.localization = section("localization", &config.localization, settings)?;
     config.localizer = section("localizer", &config.localizer, settings)?;

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
-use super::service::Exec;
+use super::service::{Builtin, Exec};
 use super::suggest;
 
 /// Finds every executable (`search_path` is a `PATH`) and looks whether the log is there.
@@ -26,7 +26,8 @@ pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Optio
         }
     }
     let log = &config.replay.log;
-    if !log.as_os_str().is_empty() {
+    let plays = config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay));
+    if plays && !log.as_os_str().is_empty() {
         // A folder may hold the files of a log.
         if let Err(error) = log.metadata() {
             add("replay.log".to_owned(), log, unreadable(&error));

@@ -1,16 +1,21 @@
 //! Loading: built-in defaults, then the robot's, then the graph file, then the command line.
 
+use std::collections::BTreeMap;
+
 use echogrid_core::Robot;
 use toml::Table;
 
 use super::assemble::{self, Origins};
 use super::problem::{ConfigError, Origin, Problem};
-use super::reading::{self, Findings};
+use super::reading::{self, Findings, Setting};
 use super::robot_file::{self, Resolved};
 use super::run::AUTO;
-use super::service::{Builtin, Exec};
+use super::service::{BUILTIN_PREFIX, Builtin, Exec};
 use super::source::{self, Source};
 use super::{Config, LoadRequest, files, ranges, roles};
+
+/// The robot that is simulated where none is named.
+const SIMULATED: &str = "pioneer3at";
 
 /// A configuration, and where its values came from.
 #[derive(Debug, Clone)]
@@ -112,6 +117,17 @@ pub fn parse_graph(text: &str) -> Result<Config, ConfigError> {
     load(found, |name, origin| robot_file::find(name, origin, None), |_, _| Vec::new()).map(Loaded::into_config)
 }
 
+/// Whether the sensor is the simulator, as far as can be told before the services are put together.
+fn simulates(settings: &[Setting]) -> bool {
+    let exec = |setting: &'_ Setting| match setting.path.as_slice() {
+        [services, name, key] if services == "services" && key == "exec" => Some(name.clone()),
+        _ => None,
+    };
+    let simulator = format!("{BUILTIN_PREFIX}{}", Builtin::Simulator.name());
+    let last: BTreeMap<String, &Setting> = settings.iter().filter_map(|s| Some((exec(s)?, s))).collect();
+    last.values().any(|setting| setting.value.as_str() == Some(&simulator))
+}
+
 fn load(
     found: Findings,
     robot: impl FnOnce(&str, Option<&Origin>) -> Result<Resolved, ConfigError>,
@@ -119,7 +135,9 @@ fn load(
 ) -> Result<Loaded, ConfigError> {
     let Findings { mut settings, mut problems } = found;
     let named = settings.iter().rev().find(|setting| setting.path == ["run", "robot"]);
-    let name = named.and_then(|setting| setting.value.as_str()).unwrap_or(AUTO).to_owned();
+    let name = named.and_then(|setting| setting.value.as_str()).unwrap_or(AUTO);
+    // There is no log to say what drives.
+    let name = if name == AUTO && simulates(&settings) { SIMULATED } else { name }.to_owned();
     let robot = match robot(&name, named.map(|setting| &setting.origin)) {
         Ok((robot, calibration)) => {
             settings.splice(0..0, calibration);

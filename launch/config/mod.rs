@@ -1,7 +1,7 @@
 //! The launcher's configuration: what the user typed, and what it means.
 //!
 //! Settings come from four places, each over the one before: built-in defaults, the `[odometry]`
-//! of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
+//! and `[simulator]` of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
 //! everything that is wrong at once, and gives a [`Config`] in which everything is resolved: the
 //! rest of the program sees only that.
 
@@ -34,9 +34,10 @@ use std::collections::BTreeMap;
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig};
 use echogrid_core::localization::LocalizationConfig;
-use echogrid_localizer::config::LocalizerConfig;
+use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
+use echogrid_simulator::SimulatorConfig;
 use serde::{Deserialize, Serialize};
 
 pub use interval::Interval;
@@ -59,6 +60,8 @@ pub struct Config {
     pub services: BTreeMap<String, Service>,
     /// What `builtin:replay` plays.
     pub replay: ReplayConfig,
+    /// What `builtin:simulator` simulates.
+    pub simulator: SimulatorConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
     /// When an absolute localization is asked for.
@@ -80,6 +83,7 @@ impl Default for Config {
             run: RunConfig::default(),
             services: default_services(false),
             replay: ReplayConfig::default(),
+            simulator: SimulatorConfig::default(),
             odometry: OdometryConfig::default(),
             localization: LocalizationConfig::default(),
             localizer: LocalizerConfig::default(),
@@ -130,6 +134,20 @@ impl Config {
     #[must_use]
     pub fn has_localizer(&self) -> bool {
         self.services.values().any(|service| service.kind == ServiceKind::Localizer)
+    }
+
+    /// `[localization]` with what `auto` comes to in this graph: mapping holds where somebody can mend it, and the odometry
+    /// waits for whoever does, unless a robot would have to wait with it.
+    #[must_use]
+    pub fn resolved_localization(&self) -> LocalizationConfig {
+        let mended = self.has_localizer() || self.localizer.source == Source::Operator;
+        let mut sensors = self.services.values().filter(|service| service.kind == ServiceKind::Sensor);
+        let is_real = sensors.any(|sensor| matches!(sensor.exec, Exec::Path(_)));
+        LocalizationConfig {
+            hold: self.localization.hold.resolve(mended).into(),
+            wait: self.localization.wait.resolve(!is_real).into(),
+            ..self.localization.clone()
+        }
     }
 
     /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`, `[localization]`,

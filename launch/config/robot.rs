@@ -70,7 +70,7 @@ pub(crate) struct RawLidar {
     range_error_ratio: f64,
 }
 
-/// A robot file but for `[odometry]`, every value within its range.
+/// A robot file but for `[odometry]` and `[simulator]`, every value within its range.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct RawRobot {

@@ -9,10 +9,11 @@ use super::problem::{ConfigError, Origin, Problem};
 use super::reading::{self, Findings, Setting};
 use super::robot::{BUILTIN, FILE_ENDING, RawRobot, SENSORS_MAX, builtin_robots};
 use super::run::AUTO;
+use super::schema::{ODOMETRY, SIMULATOR};
 use super::source::{self, Source};
 use super::suggest;
 
-/// A robot (none when the log is to say), and the `[odometry]` of its file.
+/// A robot (none when the log is to say), and the `[odometry]` and `[simulator]` of its file.
 pub(crate) type Resolved = (Option<Robot>, Vec<Setting>);
 
 /// A robot by its name; `base` is none where no file may be read.
@@ -58,6 +59,11 @@ pub fn parse_robot(text: &str) -> Result<Robot, ConfigError> {
     Ok(robot.unwrap_or_default())
 }
 
+/// Whether a table of a robot file is one of a graph file too.
+fn is_setting(table: &str) -> bool {
+    [ODOMETRY.name, SIMULATOR.name].contains(&table)
+}
+
 /// What the text of a robot file means.
 fn parse(text: &str, source: &Source) -> Result<Resolved, Vec<Problem>> {
     let Findings { settings, problems } = reading::robot(text, source);
@@ -65,7 +71,7 @@ fn parse(text: &str, source: &Source) -> Result<Resolved, Vec<Problem>> {
         return Err(problems);
     }
     let (calibration, geometry): (Vec<_>, Vec<_>) =
-        settings.into_iter().partition(|setting| setting.path.first().is_some_and(|table| table == "odometry"));
+        settings.into_iter().partition(|setting| setting.path.first().is_some_and(|table| is_setting(table)));
     let refused = |key: &str, message: &str| Problem {
         origin: Some(source.origin(&(0..0))),
         key: key.to_owned(),

@@ -90,7 +90,22 @@ fn robots_bring_their_calibration() {
     let pioneer = odometry("pioneer3at");
     assert_eq!((pioneer.systematic, pioneer.lin_scale, pioneer.ang_scale), (Systematic::Carry, 0.09, 0.095));
     assert_eq!(odometry("laser").systematic, Systematic::Off);
-    assert_eq!(builtin("pioneer3dx").1.len(), 0);
+    assert_eq!(odometry("pioneer3dx"), echogrid_core::OdometryConfig::default());
+}
+
+#[test]
+fn simulated_the_pioneer_errs_as_the_paper_measured() {
+    let sections = super::assemble::sections(&builtin("pioneer3at").1).unwrap();
+    let expected = sections.simulator.expected_error_model().per_way;
+    assert!((expected.lin_scale - sections.odometry.lin_scale).abs() < 1e-4, "{expected:?}");
+    assert!((expected.ang_scale - sections.odometry.ang_scale).abs() < 1e-4, "{expected:?}");
+    for name in ["pioneer3at", "pioneer3dx"] {
+        let simulator = super::assemble::sections(&builtin(name).1).unwrap().simulator;
+        simulator.validate().unwrap();
+        let mut fired: Vec<u16> = simulator.firing_order.concat();
+        fired.sort_unstable();
+        assert_eq!(fired, (0..16).collect::<Vec<_>>(), "{name}: every sonar fires once");
+    }
 }
 
 #[test]

@@ -102,6 +102,8 @@ pub(crate) const BUILTIN_PREFIX: &str = "builtin:";
 pub enum Builtin {
     /// Plays a log.
     Replay,
+    /// Drives a simulated robot.
+    Simulator,
     /// Dead reckoning and its error.
     Odometry,
     /// Absolute localizations.
@@ -114,13 +116,15 @@ pub enum Builtin {
 
 impl Builtin {
     /// All of them.
-    pub const ALL: [Self; 5] = [Self::Replay, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 6] =
+        [Self::Replay, Self::Simulator, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Replay => "replay",
+            Self::Simulator => "simulator",
             Self::Odometry => "odometry",
             Self::Localizer => "localizer",
             Self::Mapper => "mapper",
@@ -132,7 +136,7 @@ impl Builtin {
     #[must_use]
     pub fn kind(self) -> ServiceKind {
         match self {
-            Self::Replay => ServiceKind::Sensor,
+            Self::Replay | Self::Simulator => ServiceKind::Sensor,
             Self::Odometry => ServiceKind::Odometry,
             Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
@@ -153,7 +157,7 @@ impl TryFrom<String> for Exec {
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
             Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
-                "builtin:replay, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
+                "builtin:replay, builtin:simulator, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
             )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),

@@ -20,8 +20,8 @@ pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a s
 /// Endings by which people name units, those that are wrong here included.
 const UNITS: &[&str] = &[
     "m", "cm", "mm", "km", "in", "ft", "meter", "meters", "metre", "metres", "rad", "radian", "radians", "deg",
-    "degree", "degrees", "s", "ms", "us", "ns", "sec", "secs", "seconds", "min", "hz", "ratio", "percent", "pct",
-    "samples",
+    "degree", "degrees", "s", "ms", "us", "ns", "sec", "secs", "seconds", "min", "hz", "mps", "kmh", "radps", "ratio",
+    "percent", "pct", "samples",
 ];
 
 /// A key without the unit at its end.
@@ -38,6 +38,9 @@ fn unit(key: &str) -> Option<&'static str> {
         "_m" => "in metres",
         "_rad" => "in radians",
         "_deg" => "in degrees",
+        "_s" => "in seconds",
+        "_mps" => "in metres per second",
+        "_radps" => "in radians per second",
         "_ratio" => "a share, 0.01 for 1 %",
         "_samples" => "in samples",
         _ => return None,
@@ -93,7 +96,16 @@ mod tests {
 
     #[test]
     fn keys() {
-        let known = ["resolution_m", "min_range_m", "systematic", "turn_rad", "p_free", "range_error_ratio"];
+        let known = [
+            "resolution_m",
+            "min_range_m",
+            "systematic",
+            "turn_rad",
+            "p_free",
+            "range_error_ratio",
+            "seed",
+            "speed_mps",
+        ];
         let check = |given: &str, expected: Option<&str>| {
             assert_eq!(key(given, &known).as_deref(), expected, "{given}");
         };
@@ -103,6 +115,7 @@ mod tests {
         check("resoluton_mm", Some("did you mean `resolution_m` (in metres)?"));
         check("turn_deg", Some("did you mean `turn_rad` (in radians)?"));
         check("range_error_percent", Some("did you mean `range_error_ratio` (a share, 0.01 for 1 %)?"));
+        check("speed", Some("did you mean `speed_mps` (in metres per second)?"));
         check("Systematic", Some("did you mean `systematic`?"));
         check("p_fee", Some("did you mean `p_free`?"));
         check("colour", None);

@@ -5,6 +5,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use echogrid_core::config::{Limit, LimitWord, SonarSelection, Systematic};
+use echogrid_simulator::{Place, Route};
 use proptest::prelude::*;
 
 use super::*;
@@ -80,7 +81,9 @@ fn bad_graph_files() {
     check("[maper]\nx = 1", &["g.toml:1: maper: unknown key; did you mean `mapper`?"]);
     check(
         "[sonar]",
-        &["sonar: unknown key; known are run, replay, odometry, localization, localizer, mapper, publisher, services"],
+        &[
+            "sonar: unknown key; known are run, replay, simulator, odometry, localization, localizer, mapper, publisher, services",
+        ],
     );
     check("[robot]", &["a robot is named by `run.robot`"]);
     check("mapper = 3", &["g.toml:1: mapper: expected a table `[mapper]`, found a number"]);
@@ -247,6 +250,32 @@ fn flags_of_their_own() {
     assert_eq!(loaded.origin("run.domain").unwrap().to_string(), "--domain lab");
     let told = Config::load(&LoadRequest { sensor: Some("./none".to_owned()), ..request });
     check_told(told, "--sensor", &["--sensor ./none: services.sensor.exec = \"/none\": there is no such file"]);
+}
+
+#[test]
+fn what_is_simulated_is_a_pioneer_unless_another_robot_is_named() {
+    let robot = |graph: &str, sensor: &str| {
+        let folder = Folder::new();
+        folder.write("g.toml", graph);
+        let loaded = Config::load(&LoadRequest {
+            graph: Some("g.toml".into()),
+            sensor: Some(sensor.to_owned()),
+            base: Some(folder.0.path().to_path_buf()),
+            ..LoadRequest::default()
+        });
+        let config = loaded.unwrap().into_config();
+        (config.robot.map(|robot| robot.name), config.simulator.axle_m)
+    };
+    assert_eq!(robot("", "simulator"), (Some("pioneer3at".to_owned()), 0.588));
+    assert_eq!(robot("[services.robby]\nkind = \"sensor\"\n", "simulator").0.as_deref(), Some("pioneer3at"));
+    assert_eq!(robot("[simulator]\naxle_m = 0.7\n", "simulator").1, 0.7);
+    assert_eq!(robot("[run]\nrobot = \"laser\"\n", "simulator").0.as_deref(), Some("laser"));
+    assert_eq!(robot("[services.sensor]\nexec = \"builtin:simulator\"\n", "replay").0, None);
+    let named = load("[simulator]\nroute = [\"Kitchen\", [1, 2.5]]\nworld = \"floor.map\"\n", &[]).unwrap();
+    let simulator = &named.config().simulator;
+    let places = vec![Place::Goal("Kitchen".to_owned()), Place::Point([1.0, 2.5])];
+    assert_eq!(simulator.route, Route::Places(places));
+    assert!(simulator.world.starts_with('/') && simulator.world.ends_with("/floor.map"), "{}", simulator.world);
 }
 
 #[test]

@@ -5,10 +5,12 @@
 mod bad_input;
 mod drive;
 mod failure;
+mod localization;
 mod maps;
 mod real_logs;
 mod score;
 mod sensors;
 mod shutdown;
+mod simulator;
 mod support;
 mod talk;

@@ -4,17 +4,13 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::Command;
 
+use echogrid::config::{Config, LoadRequest};
 use echogrid_core::{CellIndex, Pose2};
 use echogrid_formats::log;
 use echogrid_formats::map::native;
-use echogrid_mapper::MapperService;
-use echogrid_odometry::OdometryService;
-use echogrid_publisher::PublisherService;
-use echogrid_replay::{Replay, config::ReplayConfig};
-use echogrid_service::local;
 
 use crate::drive;
-use crate::support::{Drive, ECHOGRID, data, echogrid, pioneer, said, summary};
+use crate::support::{Drive, ECHOGRID, data, echogrid, native_map_of, path, pioneer, said, summary};
 
 #[test]
 fn a_drive_becomes_a_map_and_every_reading_is_accounted_for() {
@@ -89,21 +85,22 @@ fn the_same_log_gives_the_same_bytes_at_any_rate_on_any_number_of_processors() {
 fn the_same_steps_in_one_process_give_the_same_bytes() {
     let drive = Drive::new(8.0);
     let reference = drive.native_map("processes", &[]);
-    assert!(in_one_process(&drive.log(), &drive.out("local")) == reference);
+    assert!(in_one_process(&drive.log(), &drive.out("local"), &[]) == reference);
+    // The odometry waits for the localizer, in any schedule.
+    let fixed = drive.native_map("fixed", &["--fix", "truth", "--fix-every", "2m"]);
+    let sets = ["localizer.source=truth", "localization.ask=schedule", "localization.every_m=2"];
+    assert!(in_one_process(&drive.log(), &drive.out("fixed-local"), &sets) == fixed);
+    assert!(fixed != reference);
 }
 
 /// Maps a log by calling the `step` of each service.
-pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path) -> Vec<u8> {
-    let config = echogrid::config::Config::default();
-    let surveyed = log::survey(log).unwrap();
-    let provenance = echogrid::commands::provenance(&config, Some(&surveyed)).unwrap();
-    let mut sensor = Replay::new(&ReplayConfig { log: log.into() }, None).unwrap();
-    let mut odometry =
-        OdometryService::new(&config.odometry, config.mapper.resolution_m, &config.localization, false).unwrap();
-    let mut mapper = MapperService::new(&config.mapper, &config.odometry).unwrap();
-    let mut publisher = PublisherService::new(config.publisher.clone(), out.into(), provenance).unwrap();
-    local::run(&mut sensor, &mut [&mut odometry, &mut mapper, &mut publisher]).unwrap();
-    std::fs::read(out.join("map.echogrid")).unwrap()
+pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path, sets: &[&str]) -> Vec<u8> {
+    let log_name = Some(path(log));
+    let request =
+        LoadRequest { log: log_name, sets: sets.iter().map(|set| (*set).into()).collect(), ..Default::default() };
+    let config = Config::load(&request).unwrap().into_config();
+    let provenance = echogrid::commands::provenance(&config, Some(&log::survey(log).unwrap())).unwrap();
+    native_map_of(&config, provenance, out)
 }
 
 #[test]
@@ -205,5 +202,5 @@ fn a_real_sonar_log_maps_the_same_in_one_process_and_loses_nothing() {
     );
     assert_eq!(summary["lost_messages"], 0);
     let reference = std::fs::read(out.join("map.echogrid")).unwrap();
-    assert!(in_one_process(&log, &folder.path().join("local")) == reference);
+    assert!(in_one_process(&log, &folder.path().join("local"), &[]) == reference);
 }

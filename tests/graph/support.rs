@@ -6,6 +6,8 @@ use std::process::{Command, Output};
 
 use echogrid::config::{Config, LoadRequest};
 use echogrid_core::Robot;
+use echogrid_formats::map::Provenance;
+use echogrid_publisher::PublisherService;
 use tempfile::TempDir;
 
 use crate::drive;
@@ -95,4 +97,11 @@ pub(crate) fn data(name: &str) -> Option<PathBuf> {
     }
     let _ = writeln!(std::io::stderr(), "skipped: no {}", path.display());
     None
+}
+
+/// The native map of a configuration, made in this process.
+pub(crate) fn native_map_of(config: &Config, provenance: Provenance, out: &Path) -> Vec<u8> {
+    let mut publisher = PublisherService::new(config.publisher.clone(), out.into(), provenance).unwrap();
+    echogrid::in_process::run(config, &mut publisher).unwrap();
+    std::fs::read(out.join("map.echogrid")).unwrap()
 }

@@ -199,8 +199,9 @@ impl Reader<'_> {
     fn with_absolute_path(&self, key: Option<&schema::Key>, value: Value) -> Option<Value> {
         let is_path = |text: &str| match key.map(|key| key.text) {
             Some(schema::Text::Path) => !text.is_empty(),
-            Some(schema::Text::MaybePath(ending)) => {
-                (text.contains('/') || text.ends_with(ending)) && !text.starts_with(super::service::BUILTIN_PREFIX)
+            Some(schema::Text::MaybePath(endings)) => {
+                (text.contains('/') || endings.iter().any(|ending| text.ends_with(ending)))
+                    && !text.starts_with(super::service::BUILTIN_PREFIX)
             }
             _ => false,
         };

@@ -4,13 +4,13 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::super::schema::{FOOTPRINT, LIDAR, ODOMETRY, ROBOT, SONAR, SONARS, Section};
+use super::super::schema::{FOOTPRINT, LIDAR, ODOMETRY, ROBOT, SIMULATOR, SONAR, SONARS, Section};
 use super::super::suggest;
 use super::Reader;
 
 impl Reader<'_> {
     pub(super) fn robot(&mut self, table: &DeTable<'_>) {
-        const TABLES: [&Section; 4] = [&FOOTPRINT, &SONARS, &LIDAR, &ODOMETRY];
+        const TABLES: [&Section; 5] = [&FOOTPRINT, &SONARS, &LIDAR, &ODOMETRY, &SIMULATOR];
         for (name, value) in table {
             let path = [name.get_ref().as_ref()];
             if ROBOT.key(path[0]).is_some() {
@@ -20,7 +20,7 @@ impl Reader<'_> {
             } else if let Some(section) = TABLES.iter().find(|section| section.name == path[0]) {
                 self.one_table(&path, value, |reader, path, table| reader.section(section, path, table));
                 if let DeValue::Table(table) = value.get_ref()
-                    && section.name != ODOMETRY.name
+                    && ![ODOMETRY.name, SIMULATOR.name].contains(&section.name)
                 {
                     self.complete(section, &path, table, &name.span());
                 }

@@ -7,6 +7,7 @@ use echogrid_core::localization::LocalizationConfig;
 use echogrid_localizer::config::LocalizerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
+use echogrid_simulator::SimulatorConfig;
 use serde::{Deserialize, Serialize};
 
 use super::super::robot::FILE_ENDING;
@@ -15,7 +16,8 @@ use super::super::service::ServiceKind;
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
-pub(crate) static GRAPH: &[&Section] = &[&RUN, &REPLAY, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER];
+pub(crate) static GRAPH: &[&Section] =
+    &[&RUN, &REPLAY, &SIMULATOR, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER];
 
 static RUN: Section = Section {
     name: "run",
@@ -36,9 +38,9 @@ static RUN: Section = Section {
         ),
         text(
             "robot",
-            Text::MaybePath(FILE_ENDING),
+            Text::MaybePath(&[FILE_ENDING]),
             "\"auto\", the name of a built-in robot or a robot file",
-            "a built-in robot, a robot file, or \"auto\": what the log says",
+            "a built-in robot, a robot file, or \"auto\": what the log says; pioneer3at if simulated",
         ),
         number(
             "alive_within_s",
@@ -57,6 +59,69 @@ static REPLAY: Section = Section {
     keys: &[text("log", Text::Path, "a path", "the log; empty: not named yet")],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,
+};
+
+pub(crate) static SIMULATOR: Section = Section {
+    name: "simulator",
+    about: "the robot that builtin:simulator drives, and its world",
+    keys: &[
+        text(
+            "world",
+            Text::MaybePath(&[".toml", ".map", ".yaml", ".yml"]),
+            "office, room, or a file *.toml, *.map or *.yaml",
+            "office, room, or a file: .toml, .map (MobileSim) or .yaml (map_server)",
+        ),
+        key(
+            "start",
+            "[], [x, y] or [x, y, heading_deg]",
+            "where the drive starts: [x, y] or [x, y, heading_deg], metres and degrees; [] is the world's home",
+        ),
+        words(
+            "route",
+            &["tour", "commands"],
+            "\"tour\", \"commands\" or a list of goals and [x, y] places",
+            "tour: every goal of the world; commands: as it is told; or a list of goals and [x, y] places",
+        ),
+        key("duration_s", "a number of seconds", "seconds after which the drive ends; 0: when the route is done"),
+        key("seed", "a whole number from 0 to 9223372036854775807", "seed of all that is drawn"),
+        text("record", Text::Path, "a path", "the drive is written to this CARMEN log; empty: it is not"),
+        key("speed_mps", "a number of m/s", "m/s, speed on a straight way"),
+        key("turn_radps", "a number of rad/s", "rad/s, speed of a turn on the spot"),
+        key("accel_mps2", "a number of m/s²", "m/s², how fast it gets faster"),
+        key("decel_mps2", "a number of m/s²", "m/s², how fast it gets slower"),
+        key("turn_accel_radps2", "a number of rad/s²", "rad/s², the same of turning"),
+        key("margin_m", "a number of metres", "metres that a planned way keeps from walls beyond the robot's radius"),
+        key("patience_s", "a number of seconds", "seconds after which a robot that is blocked gives up a place"),
+        key("odometry_period_s", "a number of seconds", "seconds from one odometry pose to the next"),
+        key("axle_m", "a number of metres", "metres between the wheels of both sides, as the odometry believes"),
+        key("ticks_per_m", "a number of ticks per metre", "resolution of the encoders: ticks per metre"),
+        key("left_scale", "a share, 0.01 for 1 %", "share by which odometry takes the left wheels' way for longer"),
+        key("right_scale", "a share, 0.01 for 1 %", "the same of the right wheels"),
+        key("axle_scale", "a share, 0.01 for 1 %", "share by which the axle is longer than odometry believes"),
+        key("slip_m2_per_m", "a number (m²/m)", "m²/m, slip: variance of the way that each side measures"),
+        key("scrub_rad2_per_rad", "a number (rad²/rad)", "rad²/rad, scrub: variance of the measured turn"),
+        key("scrub_m2_per_rad", "a number (m²/rad)", "m²/rad, scrub: variance of the way measured in a turn"),
+        key("bumps_per_m", "a number of bumps per metre", "bumps per metre in the mean"),
+        key("bump_rad", "a number of radians", "radians that a bump turns the robot by, standard deviation"),
+        key(
+            "firing_order",
+            "a list of lists of sonar numbers",
+            "the sonars that fire together, in turn; []: one after the other",
+        ),
+        key("firing_period_s", "a number of seconds", "seconds from one firing to the next"),
+        key("rays", "a whole number from 1 to 1001", "rays that stand for the cone of a sonar"),
+        key(
+            "critical_incidence_deg",
+            "a number of degrees",
+            "degrees from a wall's normal beyond which it mirrors sound away",
+        ),
+        key("bounces", "a whole number from 0 to 8", "mirrors that sound is followed over"),
+        key("crosstalk", "true or false", "whether sonars hear each other"),
+        key("lidar_period_s", "a number of seconds", "seconds from one scan of a lidar to the next"),
+        key("lidar_dropout_ratio", "a share from 0 to 1", "share of a lidar's beams that never come back"),
+    ],
+    probe: probe::<SimulatorConfig>,
+    defaults: defaults::<SimulatorConfig>,
 };
 
 pub(crate) static ODOMETRY: Section = Section {
@@ -221,7 +286,7 @@ pub(crate) static SERVICE: Section = Section {
             "one of sensor, odometry, localizer, mapper, publisher",
             "its role: sensor, odometry, localizer, mapper or publisher",
         ),
-        text("exec", Text::MaybePath("/"), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
+        text("exec", Text::MaybePath(&["/"]), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
         key("args", "a list of strings", "arguments that it gets besides"),
         key("env", "a table of strings", "environment variables that it gets besides"),
     ],

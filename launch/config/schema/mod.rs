@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE};
+pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE, SIMULATOR};
 pub(crate) use robot::{FOOTPRINT, LIDAR, ROBOT, SONAR, SONARS};
 
 /// A table of a file.
@@ -50,8 +50,8 @@ pub(crate) enum Text {
     Plain,
     /// As a path.
     Path,
-    /// As a path if it looks like one: with a `/`, or ending in this.
-    MaybePath(&'static str),
+    /// As a path if it looks like one: with a `/`, or ending in one of these.
+    MaybePath(&'static [&'static str]),
 }
 
 const fn key(name: &'static str, expected: &'static str, about: &'static str) -> Key {

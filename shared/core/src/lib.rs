@@ -6,6 +6,7 @@
 //! Units are SI, angles counter-clockwise in (-π, π].
 
 pub mod angle;
+pub mod calibration;
 pub mod config;
 pub mod grid;
 pub mod kernel;
@@ -26,6 +27,7 @@ pub mod verdict;
 pub mod world;
 
 pub use angle::wrap_angle;
+pub use calibration::{Calibration, CalibrationError, Trial};
 pub use config::{ConfigError, MapperConfig, OdometryConfig};
 pub use grid::{CellIndex, Grid, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
 pub use landmarks::{Landmark, Localization, Sighting, TriangulationError, triangulate};
@@ -41,4 +43,4 @@ pub use robot::{Footprint, Robot, Sensor, SensorKind, Transducer};
 pub use sensor_model::nominal_trust;
 pub use summary::{GridSummary, RunningSummary};
 pub use verdict::{Verdict, VerdictCounts};
-pub use world::{RayHit, Segment, World, WorldParts};
+pub use world::{Meeting, Person, RayHit, Segment, World, WorldParts};

@@ -206,3 +206,42 @@ fn kernel_on_golden_cells() {
     }
     assert!(touched > 1000);
 }
+
+#[test]
+fn calibration_from_trials() {
+    use echogrid_core::calibration::{Calibration, Trial};
+    // The phase of a trial is a word: the table is split into two of numbers.
+    let folder = std::env::var_os("ECHOGRID_GOLDEN")
+        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden"), PathBuf::from);
+    let Some(expected) = Table::load("calibration_expected.csv") else { return };
+    let text = std::fs::read_to_string(folder.join("calibration_trials.csv")).expect("the trials");
+    assert!(text.starts_with("series,phase,measured_dl_m,measured_dtheta_rad,true_dl_m,true_dtheta_rad\n"));
+    let trials = |series: f64, phase: &str| -> Vec<Trial> {
+        let rows = text.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+        let rows = rows.filter(|row| row[0].parse() == Ok(series) && row[1] == phase);
+        let number = |word: &str| word.parse().expect("a number");
+        rows.map(|row| Trial {
+            measured_m: number(row[2]),
+            measured_rad: number(row[3]),
+            true_m: number(row[4]),
+            true_rad: number(row[5]),
+        })
+        .collect()
+    };
+    for row in expected.rows() {
+        let series = row.get("series");
+        let fit = Calibration::fit(&trials(series, "translation"), &trials(series, "rotation")).expect("a model");
+        for (name, value) in [
+            ("lin_scale", fit.lin_scale),
+            ("lin_offset_m", fit.lin_offset_m),
+            ("ang_scale", fit.ang_scale),
+            ("ang_offset_rad", fit.ang_offset_rad),
+            ("k_ll", fit.k_ll),
+            ("k_lt", fit.k_lt),
+            ("k_tt", fit.k_tt),
+            ("k_tl", fit.k_tl),
+        ] {
+            row.check(name, value);
+        }
+    }
+}

@@ -159,11 +159,16 @@ impl Item<'_> {
 
     /// Two finite numbers.
     pub(crate) fn pair(&self, key: &str, expected: &'static str) -> Result<[f64; 2], TextError> {
-        let numbers = match self.fields.get(key).map(|value| value.get_ref()) {
-            Some(DeValue::Array(items)) => items.iter().map(|item| number(item.get_ref())).collect(),
+        self.fields.get(key).and_then(|value| pair(value.get_ref())).ok_or_else(|| self.wrong(key, expected))
+    }
+
+    /// A list of pairs of finite numbers.
+    pub(crate) fn pairs(&self, key: &str, expected: &'static str) -> Result<Vec<[f64; 2]>, TextError> {
+        let pairs = match self.fields.get(key).map(|value| value.get_ref()) {
+            Some(DeValue::Array(items)) => items.iter().map(|item| pair(item.get_ref())).collect(),
             _ => None,
         };
-        numbers.and_then(|numbers: Vec<f64>| numbers.try_into().ok()).ok_or_else(|| self.wrong(key, expected))
+        pairs.ok_or_else(|| self.wrong(key, expected))
     }
 
     /// A finite number, if the key is there.
@@ -188,4 +193,13 @@ fn number(value: &DeValue<'_>) -> Option<f64> {
         _ => return None,
     };
     number.is_finite().then_some(number)
+}
+
+fn pair(value: &DeValue<'_>) -> Option<[f64; 2]> {
+    match value {
+        DeValue::Array(items) if items.len() == 2 => {
+            Some([number(items.first()?.get_ref())?, number(items.get(1)?.get_ref())?])
+        }
+        _ => None,
+    }
 }

@@ -4,6 +4,7 @@
 //! [`process::run`] puts it into a process of the graph; [`local::run`] runs a whole graph of them in
 //! one thread, with the same bytes as a result.
 
+pub mod conformance;
 pub mod lifeline;
 pub mod local;
 pub mod logging;

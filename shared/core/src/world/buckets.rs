@@ -94,6 +94,20 @@ impl Buckets {
         [self.low_m, self.high_m]
     }
 
+    /// Every bucket that comes as near to a point as `reach_m`, and some more.
+    pub(super) fn around(&self, point: [f64; 2], reach_m: f64) -> impl Iterator<Item = usize> + use<> {
+        let reach_m = reach_m + MARGIN * self.side_m;
+        let span = |axis: usize| {
+            let index = |place: f64| ((place - self.low_m[axis]) / self.side_m).floor();
+            let (low, high) = (index(point[axis] - reach_m), index(point[axis] + reach_m));
+            let last = (self.counts[axis] - 1) as f64;
+            // Beyond an end, or nowhere: an empty span.
+            if low <= last && high >= 0.0 { low.max(0.0) as usize..high.min(last) as usize + 1 } else { 0..0 }
+        };
+        let (columns, rows, width) = (span(0), span(1), self.counts[0]);
+        rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
+    }
+
     pub(super) fn surfaces(&self, bucket: usize) -> &[u32] {
         match (self.starts.get(bucket), self.starts.get(bucket + 1)) {
             (Some(start), Some(end)) => self.listed.get(*start as usize..*end as usize).unwrap_or(&[]),

@@ -4,11 +4,13 @@
 //! ([`World::sees`]). The answer is that of testing every surface, found by testing the few on the way.
 
 mod buckets;
+mod person;
 mod solid;
 mod surface;
 
 pub(crate) use buckets::columns_of_rows;
 use buckets::{Buckets, Walk};
+pub use person::Person;
 pub use solid::Solid;
 pub use surface::Segment;
 use surface::Surface;
@@ -33,6 +35,8 @@ pub struct WorldParts {
     pub solid: Option<Solid>,
     /// Places with a name.
     pub places: Places,
+    /// Who walks about in it. They are no surface: [`World::cast`] does not meet them.
+    pub people: Vec<Person>,
 }
 
 /// Places of a world that have a meaning for a robot.
@@ -88,6 +92,15 @@ pub struct RayHit {
     pub distance_m: f64,
     /// Between the ray and the surface's normal, radians: 0 head-on, π/2 grazing. A point answers head-on to all sides.
     pub incidence_rad: f64,
+}
+
+/// Where a ray meets a surface, as one needs it to follow the ray on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Meeting {
+    /// From the origin, metres.
+    pub distance_m: f64,
+    /// Of length 1, on the side of the surface that the ray comes from. A point is round.
+    pub normal: [f64; 2],
 }
 
 /// A known world.
@@ -172,7 +185,63 @@ impl World {
         length == 0.0 || self.cast_along(from, [along[0] / length, along[1] / length], length).is_none()
     }
 
+    /// As [`World::cast`], for a direction of length 1, with the normal of what is met instead of an angle.
+    #[must_use]
+    pub fn meet(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<Meeting> {
+        let (distance_m, index) = self.nearest(origin, direction, max_m)?;
+        let at = [origin[0] + distance_m * direction[0], origin[1] + distance_m * direction[1]];
+        let normal = self.surfaces.get(index as usize)?.normal(at, direction);
+        Some(Meeting { distance_m, normal })
+    }
+
+    /// How far the nearest surface is from a point, metres; `max_m` if none is nearer. 0 within what is solid.
+    #[must_use]
+    pub fn clearance_m(&self, point: [f64; 2], max_m: f64) -> f64 {
+        if self.parts.solid.as_ref().is_some_and(|solid| solid.contains(point)) {
+            return 0.0;
+        }
+        let near = self.buckets.around(point, max_m).flat_map(|bucket| self.buckets.surfaces(bucket));
+        let surfaces = near.filter_map(|index| self.surfaces.get(*index as usize));
+        surfaces.map(|surface| surface.off_point_m(point)).fold(max_m, f64::min)
+    }
+
+    /// Every line that comes as near to a point as `reach_m`.
+    #[must_use]
+    pub fn lines_near(&self, point: [f64; 2], reach_m: f64) -> Vec<Segment> {
+        let near = self.buckets.around(point, reach_m).flat_map(|bucket| self.buckets.surfaces(bucket));
+        let mut near: Vec<u32> = near.copied().collect();
+        near.sort_unstable();
+        near.dedup();
+        let surfaces = near.into_iter().filter_map(|index| self.surfaces.get(index as usize));
+        surfaces
+            .filter(|surface| surface.off_point_m(point) <= reach_m)
+            .filter_map(|surface| match surface {
+                Surface::Wall(segment) => Some(*segment),
+                Surface::Point { .. } => None,
+            })
+            .collect()
+    }
+
+    /// The world without its points, if it has walls, and how many were left out: the points of a MobileSim world are
+    /// what a laser once measured of its walls, off by centimetres, with people and furniture among them.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn walls_only(self) -> Result<(Self, usize), WorldError> {
+        if self.parts.points.is_empty() || (self.parts.walls.is_empty() && self.parts.solid.is_none()) {
+            return Ok((self, 0));
+        }
+        let mut parts = self.parts;
+        let left_out = core::mem::take(&mut parts.points).len();
+        Ok((Self::new(parts)?, left_out))
+    }
+
     fn cast_along(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<RayHit> {
+        self.hit(self.nearest(origin, direction, max_m)?, direction)
+    }
+
+    /// The nearest surface on a ray and how far it is.
+    fn nearest(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<(f64, u32)> {
         let mut walk = Walk::new(&self.buckets, origin, direction, max_m)?;
         let mut nearest: Option<(f64, u32)> = None;
         while let Some((bucket, leaves_at_m)) = walk.next() {
@@ -185,7 +254,7 @@ impl World {
                 break;
             }
         }
-        self.hit(nearest.filter(|(distance, _)| *distance <= max_m)?, direction)
+        nearest.filter(|(distance, _)| *distance <= max_m)
     }
 
     fn hit(&self, (distance_m, index): (f64, u32), direction: [f64; 2]) -> Option<RayHit> {
@@ -234,6 +303,9 @@ fn validate(parts: &WorldParts) -> Result<(), WorldError> {
     if !(0.0..=1.0).contains(&parts.point_radius_m) {
         let what = "the radius of the points".to_owned();
         return Err(WorldError::Value { what, value: parts.point_radius_m, expected: "metres from 0 to 1" });
+    }
+    for (index, person) in parts.people.iter().enumerate() {
+        person.validate(|what| format!("{what} of person {}", index + 1))?;
     }
     if let Some(solid) = &parts.solid {
         for corner in solid.corners() {
@@ -300,6 +372,44 @@ mod tests {
         assert_eq!(world.cast([f64::NAN, 1.0], PI, 100.0), None);
         assert!(world.sees([0.5, 0.5], [3.5, 2.5]) && !world.sees([0.5, 0.5], [4.5, 2.5]));
         assert_eq!(world.bounds_m(), [[0.0, 0.0], [4.0, 3.0]]);
+    }
+
+    #[test]
+    fn how_far_the_nearest_wall_is() {
+        let world = room();
+        let check = |point: [f64; 2], expected: f64| {
+            assert!((world.clearance_m(point, 2.0) - expected).abs() < 1e-12, "{point:?}");
+        };
+        check([1.0, 0.5], 0.5);
+        check([3.9, 1.0], 0.1);
+        check([-1.0, -1.0], f64::sqrt(2.0));
+        check([-30.0, 0.0], 2.0);
+        check([0.0, 2.0], 0.0);
+        assert_eq!(world.lines_near([0.001, 0.001], 0.01).len(), 2);
+        assert_eq!(world.lines_near([2.0, 0.0], 0.01), [wall(0.0, 0.0, 4.0, 0.0)]);
+        let solid = Solid::new(Pose2::IDENTITY, 1.0, 3, vec![true; 9]).unwrap();
+        let block = World::new(WorldParts { solid: Some(solid), ..WorldParts::default() }).unwrap();
+        assert_eq!(block.clearance_m([1.5, 1.5], 9.0), 0.0, "within what is solid");
+    }
+
+    #[test]
+    fn normals_face_the_ray() {
+        let meeting = room().meet([1.0, 1.0], [0.6, -0.8], 9.0).unwrap();
+        assert!((meeting.distance_m - 1.25).abs() < 1e-12 && meeting.normal == [0.0, 1.0], "{meeting:?}");
+        let from_below = room().meet([1.0, -1.0], [0.0, 1.0], 9.0).unwrap();
+        assert_eq!((from_below.distance_m, from_below.normal), (1.0, [0.0, -1.0]));
+        let parts = WorldParts { points: vec![[2.0, 0.0]], point_radius_m: 0.5, ..WorldParts::default() };
+        let round = World::new(parts).unwrap().meet([0.0, 0.3], [1.0, 0.0], 9.0).unwrap();
+        assert!((round.normal[0] + 0.8).abs() < 1e-12 && (round.normal[1] - 0.6).abs() < 1e-12, "{round:?}");
+    }
+
+    #[test]
+    fn points_count_only_where_there_is_nothing_else() {
+        let points = WorldParts { points: vec![[2.0, 0.0]], point_radius_m: 0.5, ..WorldParts::default() };
+        assert_eq!(World::new(points.clone()).unwrap().walls_only().unwrap().0.points().count(), 1);
+        let both = WorldParts { walls: vec![wall(0.0, 0.0, 1.0, 0.0)], ..points };
+        let (walls, left_out) = World::new(both).unwrap().walls_only().unwrap();
+        assert_eq!((walls.points().count(), walls.lines().count(), left_out), (0, 1, 1));
     }
 
     #[test]

@@ -62,6 +62,41 @@ impl Surface {
         (distance >= 0.0).then_some(distance)
     }
 
+    /// Of length 1, against `direction`, where a ray meets this.
+    pub(super) fn normal(&self, at: [f64; 2], direction: [f64; 2]) -> [f64; 2] {
+        let across = match self {
+            Self::Wall(Segment { from, to }) => {
+                let along = between(*from, *to);
+                [-along[1], along[0]]
+            }
+            Self::Point { centre, .. } => between(*centre, at),
+        };
+        let length = dot(across, across).sqrt();
+        if length == 0.0 {
+            // A point without an extent answers head-on.
+            return [-direction[0], -direction[1]];
+        }
+        let scale = if dot(across, direction) > 0.0 { -1.0 / length } else { 1.0 / length };
+        // Adding 0 makes −0 into 0.
+        [across[0] * scale + 0.0, across[1] * scale + 0.0]
+    }
+
+    /// How far a point is from this, metres; 0 within a disc.
+    pub(super) fn off_point_m(&self, point: [f64; 2]) -> f64 {
+        match self {
+            Self::Wall(Segment { from, to }) => {
+                let (along, there) = (between(*from, *to), between(*from, point));
+                let part = (dot(there, along) / dot(along, along)).clamp(0.0, 1.0);
+                let [x, y] = between([part * along[0], part * along[1]], there);
+                libm::hypot(x, y)
+            }
+            Self::Point { centre, radius_m } => {
+                let [x, y] = between(*centre, point);
+                (libm::hypot(x, y) - radius_m).max(0.0)
+            }
+        }
+    }
+
     /// Between a ray and the normal, radians in [0, π/2].
     pub(super) fn incidence_rad(&self, direction: [f64; 2]) -> f64 {
         match self {

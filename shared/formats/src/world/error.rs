@@ -1,6 +1,6 @@
 //! Why a world could not be read.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use echogrid_core::world::WorldError;
 
@@ -15,10 +15,17 @@ pub enum WorldFileError {
     #[error(transparent)]
     File(#[from] TextFileError),
     /// An ending that says nothing.
-    #[error("{}: not known as a world; expected .map (MobileSim), .toml (echogrid's own) or .yaml (map_server)", path.display())]
+    #[error(
+        "{}: not known as a world; expected {} (which come along), .map (MobileSim), .toml (echogrid's own) or .yaml (map_server){}",
+        path.display(),
+        super::builtin_worlds().collect::<Vec<_>>().join(", "),
+        near.map(|near| format!("; did you mean {near}?")).unwrap_or_default()
+    )]
     Ending {
         /// The file.
         path: PathBuf,
+        /// A world that comes along, of nearly that name.
+        near: Option<&'static str>,
     },
     /// A map_server map is wrong.
     #[error(transparent)]
@@ -31,4 +38,11 @@ pub enum WorldFileError {
         /// Why it does not.
         source: WorldError,
     },
+}
+
+impl WorldFileError {
+    pub(super) fn ending(path: &Path) -> Self {
+        let near = path.to_str().and_then(|name| crate::near::near_word(name, super::builtin_worlds()));
+        Self::Ending { path: path.to_path_buf(), near }
+    }
 }

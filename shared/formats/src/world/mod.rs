@@ -6,7 +6,7 @@
 //! | `.toml` | echogrid's own: walls with doors, boxes, goals, home | [`plan`] |
 //! | `.yaml` | a map_server map: what is occupied is solid | [`crate::map::map_server`] |
 //!
-//! Whatever the file: metres, in the map frame.
+//! Whatever the file: metres, in the map frame. Two worlds come along, and go by their names: [`find`].
 
 mod error;
 pub mod mobilesim;
@@ -21,12 +21,33 @@ pub use error::WorldFileError;
 
 use crate::map::map_server;
 pub use crate::text::TextError;
-use crate::text::read_text;
+use crate::text::{TextFileError, read_text};
 
 /// Longest `.map`, bytes.
 pub const MAP_BYTES_MAX: u64 = 64 << 20;
 /// Longest world of our own, bytes: every door is sought on every wall.
 pub const PLAN_BYTES_MAX: u64 = 1 << 20;
+
+/// The worlds that come along: name, and the text of a world of our own.
+const BUILTIN: [(&str, &str); 2] = [
+    ("office", include_str!("../../../../worlds/office.toml")),
+    ("room", include_str!("../../../../worlds/room.toml")),
+];
+
+/// The names of the worlds that come along.
+pub fn builtin_worlds() -> impl Iterator<Item = &'static str> {
+    BUILTIN.iter().map(|(name, _)| *name)
+}
+
+/// A world that comes along, by its name, or that of a file.
+///
+/// # Errors
+/// As [`read`].
+pub fn find(name: &Path) -> Result<World, WorldFileError> {
+    let Some((_, text)) = BUILTIN.iter().find(|(builtin, _)| Path::new(builtin) == name) else { return read(name) };
+    let parts = plan::parse(text).map_err(|source| TextFileError::Text { path: name.to_path_buf(), source })?;
+    World::new(parts).map_err(|source| WorldFileError::World { path: name.to_path_buf(), source })
+}
 
 /// Reads a world; its ending says which kind.
 ///
@@ -38,7 +59,7 @@ pub fn read(path: &Path) -> Result<World, WorldFileError> {
         "map" => read_text(path, MAP_BYTES_MAX, mobilesim::parse)?,
         "toml" => read_text(path, PLAN_BYTES_MAX, plan::parse)?,
         "yaml" | "yml" => image(path)?,
-        _ => return Err(WorldFileError::Ending { path: path.to_path_buf() }),
+        _ => return Err(WorldFileError::ending(path)),
     };
     World::new(parts).map_err(|source| WorldFileError::World { path: path.to_path_buf(), source })
 }
@@ -68,10 +89,20 @@ mod tests {
         check("a.map", b"2D-Map\nLINES\n", "there is no wall in it");
         check("a.map", b"2D-Map\nLINES\n0 0 1 x\n", "line 3: \"0 0 1 x\"; expected");
         check("a.toml", b"[[wall]]\nfrom = [0, 0]\nto = [1e9, 0]\n", "a coordinate of wall 1 is 1000000000");
-        check("a.txt", b"", "expected .map");
+        check("a.txt", b"", ".map (MobileSim)");
         check("a.yaml", b"image: none.pgm\nresolution: 0.05\n", "there is no origin");
         let error = read(Path::new("/nowhere/office.toml")).unwrap_err().to_string();
         assert!(error.contains("/nowhere/office.toml: no such file"), "{error}");
+    }
+
+    #[test]
+    fn worlds_that_come_along_go_by_their_names() {
+        for name in builtin_worlds() {
+            let world = find(Path::new(name)).unwrap();
+            assert!(world.parts().places.home.is_some() && !world.parts().places.goals.is_empty(), "{name}");
+        }
+        let told = find(Path::new("ofice")).unwrap_err().to_string();
+        assert!(told.contains("office, room (which come along), ") && told.ends_with("did you mean office?"), "{told}");
     }
 
     #[test]

@@ -24,10 +24,15 @@
 //! [[forbidden]]           # a line not to cross, though nothing is there to see
 //! from = [0.0, 0.0]
 //! to = [1.0, 0.0]
+//!
+//! [[person]]              # walks to and fro; only a simulator sees them
+//! path = [[2.0, 6.0], [20.0, 6.0]]
+//! speed_mps = 0.8
+//! radius_m = 0.25
 //! ```
 
 use echogrid_core::Pose2;
-use echogrid_core::world::{Goal, Segment, WorldParts};
+use echogrid_core::world::{Goal, Person, Segment, WorldParts};
 
 use super::TextError;
 use crate::tables::{self, Item, PLACE, Schema};
@@ -43,6 +48,7 @@ const SCHEMA: Schema = Schema {
         ("box", &["at", "size"]),
         ("goal", &["name", "at", "heading_deg?"]),
         ("forbidden", &["from", "to"]),
+        ("person", &["path", "speed_mps", "radius_m"]),
     ],
     single: Some("home"),
 };
@@ -74,11 +80,15 @@ pub fn parse(text: &str) -> Result<WorldParts, TextError> {
         parts.places.goals.push(Goal { name: item.text("name")?, pose: pose(item)?, has_heading });
     }
     parts.places.forbidden = all("forbidden").iter().map(segment).collect::<Result<_, _>>()?;
+    parts.people = all("person").iter().map(person).collect::<Result<_, _>>()?;
     Ok(parts)
 }
 
 const SIZE: &str = "[width, height], metres above 0";
 const WIDTH: &str = "metres above 0";
+const PATH: &str = "[[x, y], [x, y]], metres, two places or more that are not all the same";
+const SPEED: &str = "metres per second from 0 to 10";
+const RADIUS: &str = "metres from 0.01 to 2";
 
 /// Walls with openings where doors are.
 fn with_doors(walls: &[Segment], doors: &[Item<'_>]) -> Result<Vec<Segment>, TextError> {
@@ -138,6 +148,19 @@ fn pose(item: &Item<'_>) -> Result<Pose2, TextError> {
     Ok(Pose2::new(x, y, degrees * core::f64::consts::PI / 180.0))
 }
 
+fn person(item: &Item<'_>) -> Result<Person, TextError> {
+    let within = |key: &str, least: f64, most: f64, expected: &'static str| {
+        let value = item.number(key, expected)?.filter(|value| (least..=most).contains(value));
+        value.ok_or_else(|| item.wrong(key, expected))
+    };
+    let path = item.pairs("path", PATH)?;
+    if path.len() < 2 || path.iter().all(|place| *place == path[0]) {
+        return Err(item.wrong("path", PATH));
+    }
+    let speed_mps = within("speed_mps", 0.0, 10.0, SPEED)?;
+    Ok(Person { path, speed_mps, radius_m: within("radius_m", 0.01, 2.0, RADIUS)? })
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -147,7 +170,8 @@ mod tests {
     const WORLD: &str = "[home]\nat = [1.0, 6]\nheading_deg = 90\n\n[[wall]]\nfrom = [0.0, 5.0]\nto = [22.0, 5.0]\n\n\
         [[door]]\nat = [10.0, 5.0]\nwidth = 1.2\n\n[[door]]\nat = [3.0, 5.0]\nwidth = 1.2\n\n\
         [[box]]\nat = [1.0, 1.0]\nsize = [2.0, 0.5]\n\n[[goal]]\nname = \"Kitchen\"\nat = [4.5, 1.5]\n\n\
-        [[forbidden]]\nfrom = [0, 0]\nto = [1, 0]\n";
+        [[forbidden]]\nfrom = [0, 0]\nto = [1, 0]\n\n\
+        [[person]]\npath = [[2, 6], [20, 6.5]]\nspeed_mps = 0.8\nradius_m = 0.25\n";
 
     #[test]
     fn all_of_it() {
@@ -159,6 +183,8 @@ mod tests {
         assert_eq!(parts.places.home, Some(Pose2::new(1.0, 6.0, core::f64::consts::FRAC_PI_2)));
         assert_eq!((parts.places.goals[0].name.as_str(), parts.places.goals[0].has_heading), ("Kitchen", false));
         assert_eq!(parts.places.forbidden, [line(0.0, 0.0, 1.0, 0.0)]);
+        let person = Person { path: vec![[2.0, 6.0], [20.0, 6.5]], speed_mps: 0.8, radius_m: 0.25 };
+        assert_eq!(parts.people, [person]);
     }
 
     #[test]
@@ -170,7 +196,7 @@ mod tests {
         check(
             "[[wall]]",
             "[[wal]]",
-            "line 5: unknown table \"wal\"; expected home, wall, door, box, goal, forbidden; did you mean wall?",
+            "line 5: unknown table \"wal\"; expected home, wall, door, box, goal, forbidden, person; did you mean wall?",
         );
         check("from =", "form =", "line 6: unknown key \"form\"; expected from, to; did you mean from?");
         check("to = [22.0, 5.0]", "to = [22.0]", "line 7: to of wall is [22.0]; expected [x, y], metres");
@@ -185,6 +211,16 @@ mod tests {
         check("[home]", "[[home]]", "expected one table [home]");
         check("[[wall]]", "[wall]", "expected tables [[wall]]");
         check("[[wall]]", "[[wall]", "expected TOML");
+        check("path = [[2, 6], [20, 6.5]]", "path = [[2, 6]]", "path of person is [[2, 6]]; expected [[x, y], [x, y]]");
+        check("[20, 6.5]", "[2, 6]", "two places or more that are not all the same");
+        check("[20, 6.5]", "[20, inf]", "path of person is");
+        check(
+            "speed_mps = 0.8",
+            "speed_mps = -1",
+            "speed_mps of person is -1; expected metres per second from 0 to 10",
+        );
+        check("radius_m = 0.25", "radius_m = \"big\"", "radius_m of person is \"big\"; expected metres from 0.01 to 2");
+        check("radius_m = 0.25", "", "a person without radius_m");
         check("heading_deg = 90", "heading_deg = true", "line 3: heading_deg of home is true; expected degrees");
     }
 

@@ -107,6 +107,8 @@ pub(crate) struct UsedKind {
     pub(crate) range_min_m: f64,
     /// Readings from here on are no echo.
     pub(crate) ceiling_m: f64,
+    /// When each reading was taken, nanoseconds after the stamp; shorter than the readings: with it.
+    pub(crate) offsets_ns: Vec<i32>,
 }
 
 /// How the lines of a log become events.
@@ -184,7 +186,10 @@ pub(crate) fn robot_and_plan(
             }
         };
         let range_min_m = sensors(&mut robot.sensors, *kind, record, first_transducer, range_max_m, &number);
-        used.insert(*kind, UsedKind { first_transducer, range_min_m, ceiling_m });
+        let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
+        let offsets_ns = offsets.and_then(|all| all.split(',').map(|one| one.trim().parse().ok()).collect());
+        let offsets_ns = offsets_ns.unwrap_or_default();
+        used.insert(*kind, UsedKind { first_transducer, range_min_m, ceiling_m, offsets_ns });
     }
     Ok((robot, used))
 }

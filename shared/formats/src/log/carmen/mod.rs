@@ -14,12 +14,14 @@ mod ceiling;
 mod kinds;
 mod message;
 mod read;
+mod record;
 mod survey;
 mod write;
 
 pub(crate) use kinds::CarmenPlan;
 pub(crate) use message::is_message_name;
 pub use read::read;
+pub use record::LogFile;
 pub use survey::survey;
 pub(crate) use write::CarmenWriter;
 
@@ -28,6 +30,10 @@ const RANGE_MAX_M: f64 = 1e5;
 /// The parameter by which a log written by echogrid says its sonars' maximum, metres: larger ranges
 /// are no echo.
 pub(crate) const SONAR_MAX_PARAM: &str = "echogrid_sonar_max";
+
+/// The parameter by which such a log says when each sonar fired, nanoseconds after the stamp of its `SONAR` line, one
+/// number per sonar with commas between them.
+pub(crate) const SONAR_OFFSETS_PARAM: &str = "echogrid_sonar_offsets_ns";
 
 /// Whether a range is a number that a sensor may have written.
 fn is_sane(range_m: f64) -> bool {

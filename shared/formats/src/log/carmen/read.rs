@@ -112,10 +112,11 @@ fn readings(ranges: &[f64], used: &UsedKind) -> Vec<Reading> {
     ranges
         .iter()
         .zip(used.first_transducer..)
-        .map(|(range_m, transducer)| Reading {
+        .enumerate()
+        .map(|(index, (range_m, transducer))| Reading {
             transducer,
             echo: echo(*range_m, used.range_min_m, used.ceiling_m),
-            offset_ns: 0,
+            offset_ns: used.offsets_ns.get(index).copied().unwrap_or(0),
         })
         .collect()
 }

@@ -3,15 +3,15 @@
 //! Every number is written so that reading it gives the same number again, stamps with nine
 //! decimals. A lidar whose beams lie as in `FLASER` becomes `FLASER` (or `RLASER`), any other
 //! `ROBOTLASERk`; all sonars together become `SONAR`. No echo is written as the lidar's maximum, for
-//! a sonar as 1 m more (an echo may come from its very maximum), invalid as 0. What is lost: the sensors' nearest ranges, time offsets of single readings, and
-//! scans before the first odometry, which have no pose to be written with.
+//! a sonar as 1 m more (an echo may come from its very maximum), invalid as 0. What is lost: the sensors' nearest ranges, time offsets of
+//! single readings that differ from scan to scan, and scans before the first odometry, which have no pose to be written with.
 
 use std::io::{self, Write};
 
 use echogrid_core::{Echo, Pose2, Reading, Robot, Sensor, SensorKind};
 
-use super::SONAR_MAX_PARAM;
 use super::message::plain_fan;
+use super::{SONAR_MAX_PARAM, SONAR_OFFSETS_PARAM};
 use crate::log::LogEvent;
 use crate::log::stamp::format_stamp;
 
@@ -43,7 +43,12 @@ pub(crate) struct CarmenWriter<W> {
 
 impl<W: Write> CarmenWriter<W> {
     /// Writes the parameters.
-    pub(crate) fn new(mut out: W, robot: &Robot) -> io::Result<Self> {
+    pub(crate) fn new(out: W, robot: &Robot) -> io::Result<Self> {
+        Self::with_offsets(out, robot, &[])
+    }
+
+    /// As [`Self::new`], for sonars that fire in turn: when each of them does, nanoseconds after the stamp of its scan.
+    pub(crate) fn with_offsets(mut out: W, robot: &Robot, offsets_ns: &[i32]) -> io::Result<Self> {
         let mut lidars: Vec<(Sensor, Message)> = Vec::new();
         for sensor in robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Lidar) {
             let used = |message| lidars.iter().any(|(_, other)| *other == message);
@@ -72,6 +77,10 @@ impl<W: Write> CarmenWriter<W> {
         if let Some(max) = sonars.iter().map(|sonar| sonar.range_max_m).reduce(f64::max) {
             param(SONAR_MAX_PARAM, max)?;
         }
+        if !offsets_ns.is_empty() && !sonars.is_empty() {
+            let offsets: Vec<String> = offsets_ns.iter().map(i32::to_string).collect();
+            writeln!(out, "PARAM {SONAR_OFFSETS_PARAM} {} {HOST} 0", offsets.join(","))?;
+        }
         Ok(Self { out, lidars, sonars, odom_from_base: None, v_mps: 0.0, w_radps: 0.0, scans_without_pose: 0 })
     }
 
@@ -91,6 +100,10 @@ impl<W: Write> CarmenWriter<W> {
             }
             LogEvent::Scan { stamp_ns, readings } => self.scan(*stamp_ns, readings),
         }
+    }
+
+    pub(crate) fn out(&self) -> &W {
+        &self.out
     }
 
     pub(crate) fn into_inner(self) -> W {

@@ -1,0 +1,44 @@
+//! A whole graph in this process and thread, of the same steps as its processes: the same bytes, without shared memory. For
+//! experiments, which run many, and for tests.
+
+use anyhow::{Context, Result};
+use echogrid_localizer::LocalizerService;
+use echogrid_mapper::MapperService;
+use echogrid_odometry::OdometryService;
+use echogrid_replay::Replay;
+use echogrid_service::{Sensor, Service, local};
+use echogrid_simulator::{Simulator, world_of};
+
+use crate::config::{Builtin, Config, Exec, ServiceKind};
+
+/// Plays the sensor of `config`, a built-in one, to its end through odometry, localizer if there is one, mapper and
+/// `publisher`, which sees what any publisher would.
+///
+/// # Errors
+/// The configuration can't be run so, or a service fails.
+pub fn run(config: &Config, publisher: &mut dyn Service) -> Result<()> {
+    let mut sensor = sensor(config)?;
+    let localization = config.resolved_localization();
+    let mut odometry =
+        OdometryService::new(&config.odometry, config.mapper.resolution_m, &localization, config.has_localizer())?;
+    let mut mapper = MapperService::new(&config.mapper, &config.odometry)?;
+    if config.has_localizer() {
+        let mut localizer = LocalizerService::new(&config.localizer)?;
+        local::run(sensor.as_mut(), &mut [&mut odometry, &mut localizer, &mut mapper, publisher])
+    } else {
+        local::run(sensor.as_mut(), &mut [&mut odometry, &mut mapper, publisher])
+    }
+}
+
+/// The sensor of a configuration.
+fn sensor(config: &Config) -> Result<Box<dyn Sensor>> {
+    let service = config.services.values().find(|service| service.kind == ServiceKind::Sensor);
+    Ok(match service.map(|service| &service.exec) {
+        Some(Exec::Builtin(Builtin::Replay)) => Box::new(Replay::new(&config.replay, config.robot.clone())?),
+        Some(Exec::Builtin(Builtin::Simulator)) => {
+            let robot = config.robot.clone().context("a simulator needs a robot")?;
+            Box::new(Simulator::new(&config.simulator, world_of(&config.simulator)?, robot)?)
+        }
+        _ => anyhow::bail!("the sensor of this graph is a program of its own, which can't be run in this process"),
+    })
+}

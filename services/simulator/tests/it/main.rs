@@ -1,0 +1,10 @@
+//! The simulator as a library: what is heard, driven and told, against the physics that it claims.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // a test that can not go on has failed
+
+mod drive;
+mod errors;
+mod odometry;
+mod sonar;
+mod stream;
+mod support;

@@ -1,0 +1,198 @@
+//! The odometry error model from trials (eqs 5–8, after Chenavier and Crowley).
+//!
+//! Two phases of trials: translation only, then rotation only. Each trial is what odometry measured and what really
+//! happened; the error e of a trial is measured − true.
+//!
+//! | coefficient | from | how |
+//! |---|---|---|
+//! | a_l | translations | least-squares slope through the origin of e_lin against the measured Δl |
+//! | a_θ | rotations | the same of e_ang against the measured Δθ |
+//! | σ | rotations | mean of e_lin |
+//! | α | translations | mean of e_ang |
+//! | κ_ll | translations | Var(e_lin − a_l Δl) / mean abs Δl |
+//! | κ_θl | translations | Var(e_ang) / mean abs Δl |
+//! | κ_θθ | rotations | Var(e_ang − a_θ Δθ) / mean abs Δθ |
+//! | κ_lθ | rotations | Var(e_lin) / mean abs Δθ |
+//!
+//! Variances are those of samples (n − 1); Δl and Δθ are the measured ones.
+
+use crate::config::OdometryConfig;
+
+/// One trial: what the odometry measured, and what really happened.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Trial {
+    /// Δl as the odometry has it, metres along the way; negative backwards.
+    pub measured_m: f64,
+    /// Δθ as the odometry has it, radians, not wrapped.
+    pub measured_rad: f64,
+    /// Δl as it was, metres.
+    pub true_m: f64,
+    /// Δθ as it was, radians, not wrapped.
+    pub true_rad: f64,
+}
+
+impl Trial {
+    fn lin_error_m(&self) -> f64 {
+        self.measured_m - self.true_m
+    }
+
+    fn ang_error_rad(&self) -> f64 {
+        self.measured_rad - self.true_rad
+    }
+}
+
+/// The coefficients of eqs 1–4.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Calibration {
+    /// a_l, metres of error per metre measured.
+    pub lin_scale: f64,
+    /// σ, metres.
+    pub lin_offset_m: f64,
+    /// a_θ, radians of error per radian measured.
+    pub ang_scale: f64,
+    /// α, radians.
+    pub ang_offset_rad: f64,
+    /// κ_ll, m²/m.
+    pub k_ll: f64,
+    /// κ_lθ, m²/rad.
+    pub k_lt: f64,
+    /// κ_θθ, rad²/rad.
+    pub k_tt: f64,
+    /// κ_θl, rad²/m.
+    pub k_tl: f64,
+}
+
+/// Why trials make no model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// A variance needs two.
+    #[error("{count} trials of {phase}; expected two or more")]
+    TooFew {
+        /// Which phase: translation or rotation.
+        phase: &'static str,
+        /// How many there are.
+        count: usize,
+    },
+    /// A number that is none.
+    #[error("trial {number} of {phase} is not finite; expected finite metres and radians")]
+    NotFinite {
+        /// Which phase.
+        phase: &'static str,
+        /// Counted from 1.
+        number: usize,
+    },
+    /// Nothing to divide by.
+    #[error("no trial of {phase} measured any {phase}")]
+    NoWay {
+        /// Which phase.
+        phase: &'static str,
+    },
+}
+
+impl Calibration {
+    /// The model of a robot that made these trials.
+    ///
+    /// # Errors
+    /// Too few trials of a phase, numbers that are not finite, or no way in them.
+    pub fn fit(translations: &[Trial], rotations: &[Trial]) -> Result<Self, CalibrationError> {
+        let way_m = way("translation", translations, |trial| trial.measured_m)?;
+        let turn_rad = way("rotation", rotations, |trial| trial.measured_rad)?;
+        let lin_scale = slope(translations, |t| t.measured_m, Trial::lin_error_m);
+        let ang_scale = slope(rotations, |t| t.measured_rad, Trial::ang_error_rad);
+        Ok(Self {
+            lin_scale,
+            lin_offset_m: mean(rotations, Trial::lin_error_m),
+            ang_scale,
+            ang_offset_rad: mean(translations, Trial::ang_error_rad),
+            k_ll: variance(translations, |t| t.lin_error_m() - lin_scale * t.measured_m) / way_m,
+            k_lt: variance(rotations, Trial::lin_error_m) / turn_rad,
+            k_tt: variance(rotations, |t| t.ang_error_rad() - ang_scale * t.measured_rad) / turn_rad,
+            k_tl: variance(translations, Trial::ang_error_rad) / way_m,
+        })
+    }
+
+    /// A configuration with these coefficients; what is done with them stays as in `config`.
+    #[must_use]
+    pub fn applied_to(&self, config: &OdometryConfig) -> OdometryConfig {
+        OdometryConfig {
+            lin_scale: self.lin_scale,
+            lin_offset_m: self.lin_offset_m,
+            ang_scale: self.ang_scale,
+            ang_offset_rad: self.ang_offset_rad,
+            k_ll: self.k_ll,
+            k_lt: self.k_lt,
+            k_tt: self.k_tt,
+            k_tl: self.k_tl,
+            ..config.clone()
+        }
+    }
+}
+
+/// Mean absolute displacement of a phase.
+fn way(phase: &'static str, trials: &[Trial], displacement: impl Fn(&Trial) -> f64) -> Result<f64, CalibrationError> {
+    if trials.len() < 2 {
+        return Err(CalibrationError::TooFew { phase, count: trials.len() });
+    }
+    let finite = |t: &Trial| [t.measured_m, t.measured_rad, t.true_m, t.true_rad].into_iter().all(f64::is_finite);
+    if let Some(index) = trials.iter().position(|trial| !finite(trial)) {
+        return Err(CalibrationError::NotFinite { phase, number: index + 1 });
+    }
+    let way = mean(trials, |trial| displacement(trial).abs());
+    if way > 0.0 { Ok(way) } else { Err(CalibrationError::NoWay { phase }) }
+}
+
+fn mean(trials: &[Trial], value: impl Fn(&Trial) -> f64) -> f64 {
+    trials.iter().map(value).sum::<f64>() / trials.len() as f64
+}
+
+fn variance(trials: &[Trial], value: impl Fn(&Trial) -> f64) -> f64 {
+    let middle = mean(trials, &value);
+    let square = |trial: &Trial| (value(trial) - middle) * (value(trial) - middle);
+    trials.iter().map(square).sum::<f64>() / (trials.len() - 1) as f64
+}
+
+/// Through the origin.
+fn slope(trials: &[Trial], x: impl Fn(&Trial) -> f64, y: impl Fn(&Trial) -> f64) -> f64 {
+    trials.iter().map(|t| x(t) * y(t)).sum::<f64>() / trials.iter().map(|t| x(t) * x(t)).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trial(measured_m: f64, measured_rad: f64, true_m: f64, true_rad: f64) -> Trial {
+        Trial { measured_m, measured_rad, true_m, true_rad }
+    }
+
+    #[test]
+    fn by_hand() {
+        let translations = [trial(1.0, 0.02, 0.9, 0.0), trial(2.0, 0.04, 1.8, 0.0), trial(-1.0, 0.03, -0.9, 0.0)];
+        let rotations = [trial(0.01, 1.0, 0.0, 0.8), trial(0.03, -2.0, 0.0, -1.6)];
+        let fit = Calibration::fit(&translations, &rotations).unwrap();
+        let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}: {fit:?}");
+        close(fit.lin_scale, 0.1);
+        close(fit.ang_scale, 0.2);
+        close(fit.lin_offset_m, 0.02);
+        close(fit.ang_offset_rad, 0.03);
+        close(fit.k_ll, 0.0);
+        close(fit.k_tt, 0.0);
+        close(fit.k_tl, 1e-4 / (4.0 / 3.0));
+        close(fit.k_lt, 2e-4 / 1.5);
+        let config = fit.applied_to(&OdometryConfig::default());
+        assert_eq!((config.lin_scale, config.seed), (fit.lin_scale, 1));
+    }
+
+    #[test]
+    fn what_makes_no_model() {
+        let good = [trial(1.0, 1.0, 1.0, 1.0); 2];
+        let check = |translations: &[Trial], rotations: &[Trial], expected: &str| {
+            let told = Calibration::fit(translations, rotations).unwrap_err().to_string();
+            assert_eq!(told, expected);
+        };
+        check(&good[..1], &good, "1 trials of translation; expected two or more");
+        check(&good, &[], "0 trials of rotation; expected two or more");
+        check(&good, &[trial(0.0, 0.0, 0.0, 1.0); 3], "no trial of rotation measured any rotation");
+        let bad = [good[0], trial(1.0, f64::NAN, 1.0, 0.0)];
+        check(&bad, &good, "trial 2 of translation is not finite; expected finite metres and radians");
+    }
+}

@@ -1,0 +1,131 @@
+//! Absolute localizations: by schedule, when degraded, by hand.
+
+use std::time::{Duration, Instant};
+
+use echogrid::testing::GraphProcess;
+use echogrid_formats::map::native;
+use nix::sys::signal::Signal;
+
+use crate::support::{Drive, ECHOGRID, data, echogrid, path, said, summary};
+
+/// How far the end of the path in a map is from where the robot really was, metres.
+fn off_at_the_end_m(drive: &Drive, out: &str) -> f64 {
+    let map = native::read(&drive.out(out).join("map.echogrid")).unwrap();
+    let log = std::fs::read_to_string(drive.log()).unwrap();
+    let truth = log.lines().rfind(|line| line.starts_with("TRUEPOS")).unwrap();
+    let truth: Vec<f64> = truth.split(' ').skip(1).take(3).map(|number| number.parse().unwrap()).collect();
+    map.path.last().unwrap().pose.distance_m(echogrid_core::Pose2::new(truth[0], truth[1], truth[2]))
+}
+
+#[test]
+fn fixes_keep_the_robot_where_it_is() {
+    let drive = Drive::new(20.0);
+    let json = |out: &str, more: &[&str]| summary(&drive.map(out, &[&["--json", "-q"][..], more].concat()));
+    json("never", &[]);
+    assert!(off_at_the_end_m(&drive, "never") > 0.15, "{}", off_at_the_end_m(&drive, "never"));
+    let way = json("way", &["--fix", "truth", "--fix-every", "2m"]);
+    // About 20 m by an odometry that is not exact.
+    assert!((9..=10).contains(&way["fixes"].as_u64().unwrap()), "{way}");
+    assert!(off_at_the_end_m(&drive, "way") < 0.1, "{}", off_at_the_end_m(&drive, "way"));
+    let time = json("time", &["--fix", "truth", "--fix-every", "5s"]);
+    let seconds = time["recorded_s"].as_f64().unwrap();
+    assert_eq!(time["fixes"].as_f64().unwrap(), (seconds / 5.0).floor(), "{time}");
+    // When the map would degrade: trust never falls below what is taken for degraded.
+    let degraded = json("degraded", &["--fix", "truth"]);
+    assert!(degraded["fixes"].as_u64().unwrap() >= 2 && degraded["trust"].as_f64().unwrap() > 0.42, "{degraded}");
+    assert_eq!(degraded["lost_messages"], 0, "{degraded}");
+}
+
+#[test]
+fn mapping_holds_while_nobody_knows_where_the_robot_is() {
+    let drive = Drive::new(12.0);
+    let held = |out: &str, more: &[&str]| {
+        let summary = summary(&drive.map(out, &[&["--json", "-q"][..], more].concat()));
+        let refused = summary["refused"].as_array().unwrap().iter();
+        let held = refused.filter(|refused| refused["reason"] == "held").map(|held| held["readings"].as_u64().unwrap());
+        (held.sum::<u64>(), summary["readings"].as_u64().unwrap())
+    };
+    // An operator could mend it, and does not; without one there is no use in waiting.
+    let (operator, all) = held("operator", &["--fix", "operator"]);
+    assert!(operator > all / 4 && operator < all, "{operator} of {all}");
+    assert_eq!(held("nobody", &[]).0, 0);
+    assert_eq!(held("on", &["--fix", "operator", "--set", "localization.hold=never"]).0, 0);
+    // A fix comes at once: next to nothing is held.
+    assert!(held("truth", &["--fix", "truth"]).0 <= all / 50);
+}
+
+#[test]
+fn the_user_says_where_the_robot_is_and_pauses_mapping() {
+    let drive = Drive::new(6.0);
+    let domain = format!("fix-{}", std::process::id());
+    let mut graph = GraphProcess::start_in(&domain, ECHOGRID, drive.map_arguments("maps", &["--rate", "1"]));
+    graph.wait_for("messages");
+    let tell = |arguments: &[&str]| echogrid(arguments.iter().chain(&["--domain", &domain]));
+    let told = |arguments: &[&str]| {
+        let output = tell(arguments);
+        assert!(output.status.success(), "{}", said(&output));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    assert!(told(&["pause"]).contains("mapper: mapping pauses"));
+    assert!(told(&["pause"]).contains("paused already"));
+    assert!(told(&["resume"]).contains("mapping goes on"));
+    assert!(told(&["fix", "1.5", "-2", "-90deg", "--sigma", "0.1"]).starts_with("odometry: localized, "));
+    // The mapper tells every two seconds.
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !told(&["status"]).contains("localized once") {
+        assert!(Instant::now() < deadline, "{}", told(&["status"]));
+    }
+    for (wrong, expected) in [
+        (&["fix", "1", "2", "north"][..], "expected radians, or degrees as in 90deg"),
+        (&["fix", "1", "2"], "<THETA>"),
+        (&["fix", "1", "2", "0", "--sigma", "-1"], "expected metres, 0 or more"),
+        (&["fix", "nan", "2", "0"], "a robot can't be there: pose = "),
+        (&["drive", "1"], "this sensor has nothing to drive"),
+    ] {
+        let output = tell(wrong);
+        assert!(!output.status.success() && said(&output).contains(expected), "{}", said(&output));
+    }
+    graph.signal(Signal::SIGTERM);
+    let ended = graph.wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn what_can_not_be_asked_is_told_before_anything_is_started() {
+    let drive = Drive::new(2.0);
+    let without = drive.out("without.log");
+    let log = std::fs::read_to_string(drive.log()).unwrap();
+    let lines: Vec<&str> = log.lines().filter(|line| !line.starts_with("TRUEPOS")).collect();
+    std::fs::write(&without, lines.join("\n")).unwrap();
+    let without = path(&without);
+    let log = path(&drive.log());
+    for (arguments, expected) in [
+        (&["map", &without, "--fix", "truth"][..], "no true pose in it"),
+        (&["map", &log, "--fix-every", "5m"], "who is to be asked? Name one: --fix truth"),
+        (&["map", &log, "--fix", "thruth"], "did you mean \"truth\"?"),
+        (&["map", &log, "--fix", "truth", "--fix-every", "5"], "like 5m or 10s"),
+        (&["map", &log, "--set", "localization.ask=schedule"], "localization.every_m = 0"),
+        (&["map", &log, "--set", "localizer.position_sigma_m=-1"], "expected metres, 0 or more"),
+    ] {
+        let output = echogrid(arguments);
+        assert!(!output.status.success() && said(&output).contains(expected), "{arguments:?}: {}", said(&output));
+    }
+}
+
+/// MODEL.md section 3b, the paper's model: 0.86 with a fix every 5 m.
+#[test]
+fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
+    let Some((log, world)) = data("sonar/columbia-sonar.log.gz").zip(data("worlds/columbia.map")) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let (log, folder) = (path(&log), path(out.path()));
+    let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03"];
+    let sets = sets.into_iter().flat_map(|set| ["--set", set]);
+    let arguments = ["map", log.as_str(), "--out", &folder, "--fix", "truth", "--fix-every", "5m", "-q"];
+    let output = echogrid(arguments.into_iter().chain(sets));
+    assert!(output.status.success(), "{}", said(&output));
+    let map = path(&out.path().join("map.echogrid"));
+    let score = summary(&echogrid(["score", &map, "--world", &path(&world), "--path", &log, "--json"]));
+    let bits = score["bits"].as_f64().unwrap();
+    assert!((bits - 0.86).abs() < 0.05, "{bits}");
+}
