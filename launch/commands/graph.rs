@@ -42,11 +42,11 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     // So is what is wrong with the world, or the way through it.
     if simulates(config) {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
-        probe_record(&config.simulator.record)?;
     }
     // The sensor will read log or world as we did, beside the others.
     let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
     probe_output(&config.run.out)?;
+    probe_record(&config.simulator.record)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
