@@ -10,7 +10,7 @@ use crate::config::{Interval, LoadRequest};
 #[derive(Debug, Parser)]
 #[command(name = "echogrid", version, max_term_width = 100)]
 pub struct Cli {
-    /// What to do; nothing: map the drive that comes with echogrid.
+    /// What to do; nothing: the demo.
     #[command(subcommand)]
     pub command: Option<Command>,
 }
@@ -18,6 +18,18 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// A simulated Pioneer 3-AT maps an office floor, localizes itself whenever its map would degrade, and scores the map.
+    Demo {
+        /// Another drive: other slips, bumps and echoes.
+        #[arg(long)]
+        seed: Option<u64>,
+        /// What is set for the run.
+        #[command(flatten)]
+        settings: Settings,
+        /// What is shown of it.
+        #[command(flatten)]
+        view: View,
+    },
     /// A log in, a map out: replays a recorded drive through the whole graph.
     Map {
         /// CARMEN log (plain or gzipped), or the measurement file of a Udacity sonar pair.

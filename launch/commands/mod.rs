@@ -15,7 +15,7 @@ use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_service::in_words;
 
-use crate::cli::{Cli, Command};
+use crate::cli::{Cli, Command, View};
 use crate::config::LoadRequest;
 
 pub use graph::provenance;
@@ -24,7 +24,12 @@ pub use graph::provenance;
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
     let result = match cli.command {
-        None => demo::run(),
+        None => demo::run(LoadRequest::default(), &View::default()),
+        Some(Command::Demo { seed, settings, view }) => {
+            let mut request = settings.request();
+            request.sets.splice(0..0, seed.map(|seed| format!("simulator.seed={seed}")));
+            demo::run(request, &view)
+        }
         Some(Command::Map { log, settings, view }) => {
             let log = log.to_string_lossy().into_owned();
             graph::run(&LoadRequest { log: Some(log), ..settings.request() }, &view)

@@ -27,6 +27,8 @@ pub struct LoadRequest {
     pub fix: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
     pub fix_every: Option<Interval>,
+    /// Where a simulated drive is written to, as a log.
+    pub record: Option<String>,
     /// The log to play.
     pub log: Option<String>,
     /// Each `--set key=value`; these have the last word.
@@ -51,6 +53,7 @@ impl LoadRequest {
             ("--domain", "run.domain", &self.domain),
             ("--sensor", &sensor_key, &sensor),
             ("--fix", "localizer.source", &self.fix),
+            ("RECORD", "simulator.record", &self.record),
             ("LOG", "replay.log", &self.log),
         ] {
             if let Some(value) = value {

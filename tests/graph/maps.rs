@@ -9,8 +9,7 @@ use echogrid_core::{CellIndex, Pose2};
 use echogrid_formats::log;
 use echogrid_formats::map::native;
 
-use crate::drive;
-use crate::support::{Drive, ECHOGRID, data, echogrid, native_map_of, path, pioneer, said, summary};
+use crate::support::{Drive, ECHOGRID, data, echogrid, native_map_of, path, said, summary};
 
 #[test]
 fn a_drive_becomes_a_map_and_every_reading_is_accounted_for() {
@@ -167,27 +166,6 @@ fn a_map_converts_to_what_other_programs_read() {
     }
     assert_eq!(std::fs::read(drive.out("converted.npy")).unwrap(), std::fs::read(drive.out("maps/map.npy")).unwrap());
     assert_eq!(std::fs::read(drive.out("converted.png")).unwrap(), std::fs::read(drive.out("maps/map.png")).unwrap());
-}
-
-/// The drive that the program ships is the one made here. To make it anew:
-/// `ECHOGRID_WRITE_DEMO=1 cargo test --test graph shipped`.
-#[test]
-fn the_shipped_drive_is_the_one_made_here() {
-    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/launch/demo/office.log.gz");
-    let folder = tempfile::tempdir().unwrap();
-    let fresh = folder.path().join("office.log");
-    std::fs::write(&fresh, drive::carmen_log(&pioneer(), 1, f64::INFINITY)).unwrap();
-    if std::env::var_os("ECHOGRID_WRITE_DEMO").is_some() {
-        use std::io::Write;
-        let file = std::fs::File::create(shipped).unwrap();
-        let mut encoder = flate2::write::GzEncoder::new(file, flate2::Compression::best());
-        encoder.write_all(&std::fs::read(&fresh).unwrap()).unwrap();
-        encoder.finish().unwrap();
-    }
-    let mut text = String::new();
-    let decoder = flate2::read::GzDecoder::new(std::fs::File::open(shipped).unwrap());
-    std::io::Read::read_to_string(&mut { decoder }, &mut text).unwrap();
-    assert!(text == std::fs::read_to_string(&fresh).unwrap(), "launch/demo/office.log.gz is another drive");
 }
 
 #[test]
