@@ -175,8 +175,8 @@ pub struct Settings {
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
-    /// a log that knows) [default: none].
-    #[arg(long, value_name = "SOURCE")]
+    /// a log that knows); or a file: surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
+    #[arg(long, value_name = "SOURCE|FILE")]
     pub fix: Option<String>,
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
     #[arg(long, value_name = "WAY|TIME")]

@@ -42,3 +42,17 @@ fn sensor(config: &Config) -> Result<Box<dyn Sensor>> {
         _ => anyhow::bail!("the sensor of this graph is a program of its own, which can't be run in this process"),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use echogrid_topics::Topic;
+
+    /// Where the robot really is must not come into a map but by a fix.
+    #[test]
+    fn the_localizer_alone_is_told_the_truth() {
+        assert!(echogrid_localizer::INPUTS.contains(&Topic::TruePose));
+        for inputs in [echogrid_odometry::INPUTS, echogrid_mapper::INPUTS, echogrid_publisher::INPUTS] {
+            assert!(!inputs.contains(&Topic::TruePose), "{inputs:?}");
+        }
+    }
+}

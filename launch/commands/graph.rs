@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{GridMapper, Robot};
 use echogrid_formats::log::{self, LogSurvey, StampQuality};
 use echogrid_formats::map::{MapFiles, Provenance};
+use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::Source;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
@@ -32,15 +33,21 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
     let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
-    if let Some(survey) = survey.as_ref().filter(|_| config.localizer.source == Source::Truth) {
+    if let Some(survey) = survey.as_ref().filter(|_| config.localizer.needs_truth()) {
+        let wanted = match config.localizer.source {
+            Source::Landmarks => "localizer.source = \"landmarks\" without localizer.sightings measures from",
+            _ => "localizer.source = \"truth\" (--fix truth) asks for",
+        };
         ensure!(
             survey.true_pose_count > 0,
-            "{}: no true pose in it, which localizer.source = \"truth\" (--fix truth) asks for; expected TRUEPOS lines",
+            "{}: no true pose in it, which {wanted}; expected TRUEPOS lines",
             config.replay.log.display()
         );
     }
+    // With the files of who says where the robot is, too.
+    LocalizerService::new(&config.localizer)?;
     // So is what is wrong with the world, or the way through it.
-    if simulates(config) {
+    if config.simulates() {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
     }
     // The sensor will read log or world as we did, beside the others.
@@ -72,7 +79,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
     // Simulated time begins at 0.
-    let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(simulates(config).then_some(0));
+    let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.files = written(config, start);
@@ -82,10 +89,6 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
 
 fn plays_log(config: &Config) -> bool {
     config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay))
-}
-
-fn simulates(config: &Config) -> bool {
-    config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Simulator))
 }
 
 /// What the processes are told.
@@ -147,7 +150,7 @@ fn source(config: &Config) -> String {
     if plays_log(config) {
         return config.replay.log.file_name().unwrap_or(config.replay.log.as_os_str()).to_string_lossy().into_owned();
     }
-    if simulates(config) {
+    if config.simulates() {
         let world = Path::new(&config.simulator.world);
         return format!("simulator in {}", world.file_name().unwrap_or(world.as_os_str()).to_string_lossy());
     }

@@ -1,4 +1,4 @@
-//! What a configuration names on this machine: executables, the log.
+//! What a configuration names on this machine: executables, the log, files of the localizer.
 
 use std::ffi::OsStr;
 use std::io;
@@ -11,7 +11,7 @@ use super::problem::Problem;
 use super::service::{Builtin, Exec};
 use super::suggest;
 
-/// Finds every executable (`search_path` is a `PATH`) and looks whether the log is there.
+/// Finds every executable (`search_path` is a `PATH`) and looks whether the log and the files of the localizer are there.
 pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Option<&OsStr>) -> Vec<Problem> {
     let mut found = Vec::new();
     let mut add = |key: String, value: &Path, message: String| {
@@ -31,6 +31,15 @@ pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Optio
         // A folder may hold the files of a log.
         if let Err(error) = log.metadata() {
             add("replay.log".to_owned(), log, unreadable(&error));
+        }
+    }
+    for (key, file) in config.localizer.files() {
+        match file.metadata() {
+            Ok(metadata) if metadata.is_dir() => {
+                add(format!("localizer.{key}"), file, "a folder, expected a file".to_owned());
+            }
+            Ok(_) => {}
+            Err(error) => add(format!("localizer.{key}"), file, unreadable(&error)),
         }
     }
     if config.run.out.is_file() {

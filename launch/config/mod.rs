@@ -99,8 +99,10 @@ impl Default for Config {
 struct Provenance<'a> {
     odometry: &'a OdometryConfig,
     localization: &'a LocalizationConfig,
-    localizer: &'a LocalizerConfig,
+    localizer: toml::Table,
     mapper: &'a MapperConfig,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    simulator: Option<toml::Table>,
     #[serde(skip_serializing_if = "Option::is_none")]
     robot: Option<&'a Robot>,
 }
@@ -130,6 +132,12 @@ impl Config {
         toml::from_str(text)
     }
 
+    /// Whether the sensor is the simulator.
+    #[must_use]
+    pub fn simulates(&self) -> bool {
+        self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Simulator))
+    }
+
     /// Whether some process answers when the odometry asks where the robot is.
     #[must_use]
     pub fn has_localizer(&self) -> bool {
@@ -151,14 +159,25 @@ impl Config {
     }
 
     /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`, `[localization]`,
-    /// `[localizer]`, `[mapper]` and `[robot]`; no path, rate, domain or folder. Without a robot of its own,
+    /// `[localizer]`, `[mapper]`, `[simulator]` if it is one, and `[robot]`; no path, rate, domain or folder. Without a robot of its own,
     /// the configuration leaves `[robot]` to the log, which is named as `robot` once it spoke.
     ///
     /// # Errors
     /// As [`Config::to_toml`].
     pub fn provenance_toml(&self, robot: Option<&Robot>) -> Result<String, ConfigError> {
         let robot = self.robot.as_ref().or(robot);
-        let Self { odometry, localization, localizer, mapper, .. } = self;
-        Ok(toml::to_string(&Provenance { odometry, localization, localizer, mapper, robot })?)
+        let Self { odometry, localization, mapper, .. } = self;
+        let localizer = without(&self.localizer, &LocalizerConfig::FILES)?;
+        let is_file = self.simulator.world.contains('/');
+        let of_files: &[&str] = if is_file { &["record", "world"] } else { &["record"] };
+        let simulator = self.simulates().then(|| without(&self.simulator, of_files)).transpose()?;
+        Ok(toml::to_string(&Provenance { odometry, localization, localizer, mapper, simulator, robot })?)
     }
+}
+
+/// A section without some of its keys: where files lie decides nothing.
+fn without(section: &impl Serialize, keys: &[&str]) -> Result<toml::Table, ConfigError> {
+    let mut table = toml::Table::try_from(section)?;
+    table.retain(|key, _| !keys.contains(&key));
+    Ok(table)
 }

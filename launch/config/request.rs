@@ -23,7 +23,7 @@ pub struct LoadRequest {
     pub domain: Option<String>,
     /// `--sensor`: the name of a built-in sensor, or an executable.
     pub sensor: Option<String>,
-    /// `--fix`: who says where the robot is.
+    /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`) or of a reference path.
     pub fix: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
     pub fix_every: Option<Interval>,
@@ -45,14 +45,22 @@ impl LoadRequest {
             Some(builtin) => format!("{BUILTIN_PREFIX}{}", builtin.name()),
             None => sensor.clone(),
         });
+        let fix_file = self.fix.as_ref().and_then(|fix| fix_file(fix));
+        let fix = self.fix.clone().filter(|_| fix_file.is_none());
         let mut found = Findings::default();
+        if let (Some(file), Some((source, key))) = (&self.fix, fix_file) {
+            // The word says who, the file from what: both were typed as one.
+            let origin = Source::argument(&format!("--fix {file}"), Some(base));
+            found.add(argument::assign("localizer.source", source, &origin));
+            found.add(argument::assign(key, file, &origin));
+        }
         for (flag, key, value) in [
             ("--robot", "run.robot", &self.robot),
             ("--rate", "run.rate", &self.rate),
             ("--out", "run.out", &self.out),
             ("--domain", "run.domain", &self.domain),
             ("--sensor", &sensor_key, &sensor),
-            ("--fix", "localizer.source", &self.fix),
+            ("--fix", "localizer.source", &fix),
             ("RECORD", "simulator.record", &self.record),
             ("LOG", "replay.log", &self.log),
         ] {
@@ -69,6 +77,15 @@ impl LoadRequest {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));
         }
         found
+    }
+}
+
+/// The source that a file of `--fix` is for, and its key; none when it is no file but a word.
+fn fix_file(text: &str) -> Option<(&'static str, &'static str)> {
+    if Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+        Some(("landmarks", "localizer.landmarks"))
+    } else {
+        text.contains(['/', '.']).then_some(("reference", "localizer.reference"))
     }
 }
 

@@ -28,7 +28,8 @@ fn nobody_to_ask(config: &Config, origins: &Origins) -> Option<Problem> {
         let scheduled = matches!(config.localization.ask, Ask::Schedule | Ask::Both);
         scheduled && !config.has_localizer()
     })?;
-    let message = "who is to be asked? Name one: --fix truth, or localizer.source, or a service of kind localizer";
+    let message =
+        "who is to be asked? Name one: --fix truth or --fix FILE, or localizer.source, or a service of kind localizer";
     Some(Problem { origin: Some(origin), key, value: None, message: message.to_owned() })
 }
 

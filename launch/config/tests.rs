@@ -409,6 +409,37 @@ fn what_is_shown_loads_again() {
 }
 
 #[test]
+fn a_file_says_where_the_robot_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let of = |fix: &str, sets: &[&str]| {
+        let sets = sets.iter().map(|set| (*set).to_owned()).collect();
+        let base = Some(folder.path().to_path_buf());
+        Config::load(&LoadRequest { fix: Some(fix.into()), sets, base, ..LoadRequest::default() })
+    };
+    for (file, key) in [("marks.toml", "landmarks"), ("path.txt", "reference"), ("of.laser", "reference")] {
+        let error = of(file, &[]).unwrap_err().to_string();
+        let expected = format!("localizer.{key} = {:?}: there is no such file", folder.path().join(file));
+        assert!(error.contains(&expected) && error.contains(&format!("--fix {file}")), "{error}");
+        std::fs::write(folder.path().join(file), "").unwrap();
+        let config = of(file, &[]).unwrap().into_config();
+        assert_eq!(config.localizer.files(), [(key, folder.path().join(file).as_path())]);
+        assert!(config.has_localizer());
+    }
+    for (fix, set, expected) in [
+        ("reference", "run.rate=1", "localizer.reference = \"\": expected a file with lines `t x y theta`"),
+        ("landmarks", "run.rate=1", "localizer.landmarks = \"\": expected a file with tables [[landmark]]"),
+        ("marks.toml", "localizer.sightings=none", "none\": there is no such file"),
+        ("marks.toml", "localizer.measure=ranges", "did you mean \"range\"?"),
+        ("marks.toml", "localizer.range_sigma_m=0", "localizer.range_sigma_m = 0: expected metres, from 1e-9"),
+        ("./", "run.rate=1", "a folder, expected a file"),
+        ("referense", "run.rate=1", "did you mean \"reference\"?"),
+    ] {
+        let error = of(fix, &[set]).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+#[test]
 fn provenance_is_what_decides_the_map() {
     let of = |sets: &[&str]| load("", sets).unwrap().config().provenance_toml(None).unwrap();
     let plain = of(&[]);
@@ -418,6 +449,22 @@ fn provenance_is_what_decides_the_map() {
     assert!(plain.starts_with("[odometry]\n") && plain.contains("\n[mapper]\n") && !plain.contains("[robot"));
     let on_pioneer = of(&["run.robot=pioneer3dx"]);
     assert!(on_pioneer.contains("[robot]\nname = \"pioneer3dx\"\n"), "{on_pioneer}");
+    // Where files lie decides nothing, what is done with them does.
+    let by_reference = |keys: &str| {
+        let graph = parse_graph(&format!("[localizer]\nsource = 'reference'\n{keys}\n")).unwrap();
+        graph.provenance_toml(None).unwrap()
+    };
+    let by_a = by_reference("reference = 'a.txt'");
+    assert_eq!(by_a, by_reference("reference = 'b/c.txt'"));
+    assert_ne!(by_a, by_reference("reference = 'a.txt'\nreference_gap_s = 3"));
+    assert!(!by_a.contains("a.txt"), "{by_a}");
+    // A simulated drive is what the simulator was set to.
+    let simulated = |more: &[&str]| of(&[&["services.sensor.exec=builtin:simulator"][..], more].concat());
+    assert!(!plain.contains("[simulator]"), "{plain}");
+    assert!(["[simulator]\n", "world = \"office\"\n"].iter().all(|line| simulated(&[]).contains(line)));
+    assert_eq!(simulated(&[]), simulated(&["simulator.record=drive.log"]));
+    assert_ne!(simulated(&[]), simulated(&["simulator.seed=9"]));
+    assert!(!simulated(&["simulator.world=here/floor.toml"]).contains("floor.toml"));
     // Named by the log or by the user, the same robot gives the same bytes.
     let robot = load("", &["run.robot=pioneer3dx"]).unwrap().robot().cloned();
     assert_eq!(on_pioneer, Config::default().provenance_toml(robot.as_ref()).unwrap());

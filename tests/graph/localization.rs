@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use echogrid::testing::GraphProcess;
+use echogrid_formats::localization::ReferencePath;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;
 
@@ -34,6 +35,96 @@ fn fixes_keep_the_robot_where_it_is() {
     let degraded = json("degraded", &["--fix", "truth"]);
     assert!(degraded["fixes"].as_u64().unwrap() >= 2 && degraded["trust"].as_f64().unwrap() > 0.42, "{degraded}");
     assert_eq!(degraded["lost_messages"], 0, "{degraded}");
+}
+
+/// The true poses of the drive as a reference file.
+fn reference_of(drive: &Drive, name: &str) -> String {
+    let log = std::fs::read_to_string(drive.log()).unwrap();
+    let rows = log.lines().filter(|line| line.starts_with("TRUEPOS")).map(|line| {
+        let words: Vec<&str> = line.split(' ').collect();
+        format!("{} {}\n", words[words.len() - 3], words[1..4].join(" "))
+    });
+    let file = drive.out(name);
+    std::fs::write(&file, rows.collect::<String>()).unwrap();
+    path(&file)
+}
+
+#[test]
+fn a_reference_of_true_poses_is_the_truth_wherever_it_lies() {
+    let drive = Drive::new(12.0);
+    let every = ["--fix-every", "2m", "-q"];
+    let map = |out: &str, fix: &str| drive.native_map(out, &[&["--fix", fix][..], &every].concat());
+    let (first, second) = (reference_of(&drive, "path.txt"), reference_of(&drive, "renamed"));
+    let by_reference = map("reference", &first);
+    map("truth", "truth");
+    let document = |out: &str| native::read(&drive.out(out).join("map.echogrid")).unwrap();
+    let (reference, truth) = (document("reference"), document("truth"));
+    assert!(reference.path.len() > 100 && reference.path == truth.path, "the paths differ");
+    let grid = |out: &str| std::fs::read(drive.out(out).join("map.npy")).unwrap();
+    assert!(grid("reference") == grid("truth"), "the grids differ");
+    assert!(by_reference == map("renamed-map", &second), "where a file lies is in the map");
+}
+
+/// Corners of the office's corridor and doors.
+const MARKS: &[[f64; 2]] = &[
+    [0.0, 5.0],
+    [0.0, 7.0],
+    [2.4, 5.0],
+    [3.6, 5.0],
+    [6.0, 0.0],
+    [0.0, 0.0],
+    [9.4, 5.0],
+    [10.6, 5.0],
+    [6.0, 7.0],
+    [14.0, 0.0],
+    [14.0, 5.0],
+    [12.0, 7.0],
+    [15.0, 7.0],
+    [8.0, 12.0],
+    [22.0, 5.0],
+];
+
+fn marks(drive: &Drive, count: usize) -> String {
+    let tables = MARKS.iter().take(count).enumerate();
+    let text: String = tables.map(|(i, at)| format!("[[landmark]]\nname = \"m{i}\"\nat = {at:?}\n")).collect();
+    let file = drive.out(&format!("marks-{count}.toml"));
+    std::fs::write(&file, text).unwrap();
+    path(&file)
+}
+
+#[test]
+fn landmarks_keep_the_robot_where_it_is() {
+    let drive = Drive::new(20.0);
+    let marks = marks(&drive, MARKS.len());
+    for measure in ["both", "range", "bearing"] {
+        let set = format!("localizer.measure={measure}");
+        let arguments = ["--json", "-q", "--fix", &marks, "--fix-every", "2m", "--set", &set];
+        let way = summary(&drive.map(measure, &arguments));
+        assert!(way["fixes"].as_u64().unwrap() >= 7, "{measure}: {way}");
+        // Drift since the last fix, and what the measurements are worth.
+        assert!(off_at_the_end_m(&drive, measure) < 0.15, "{measure}: {}", off_at_the_end_m(&drive, measure));
+    }
+}
+
+#[test]
+fn too_few_landmarks_are_no_fix_and_mapping_goes_on_as_hold_says() {
+    let drive = Drive::new(12.0);
+    let marks = marks(&drive, 1);
+    let run = |hold: &str| {
+        let hold = format!("localization.hold={hold}");
+        let output = drive.map(&hold, &["--json", "-q", "--fix", &marks, "--set", &hold]);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(told.matches("are too few").count(), 1, "{told}");
+        assert!(told.contains("1 range and 1 bearing to different landmarks are too few"), "{told}");
+        let summary = summary(&output);
+        assert_eq!(summary["fixes"], 0, "{summary}");
+        let refused = summary["refused"].as_array().unwrap().iter();
+        let held = refused.filter(|refused| refused["reason"] == "held").map(|held| held["readings"].as_u64().unwrap());
+        (held.sum::<u64>(), summary["readings"].as_u64().unwrap())
+    };
+    assert_eq!(run("never").0, 0);
+    let (held, all) = run("auto");
+    assert!(held > all / 4 && held < all, "{held} of {all}");
 }
 
 #[test]
@@ -99,9 +190,20 @@ fn what_can_not_be_asked_is_told_before_anything_is_started() {
     let lines: Vec<&str> = log.lines().filter(|line| !line.starts_with("TRUEPOS")).collect();
     std::fs::write(&without, lines.join("\n")).unwrap();
     let without = path(&without);
+    let marks = marks(&drive, 3);
+    let broken = drive.out("broken.txt");
+    std::fs::write(&broken, "1 2 3\n").unwrap();
+    let broken = path(&broken);
     let log = path(&drive.log());
     for (arguments, expected) in [
         (&["map", &without, "--fix", "truth"][..], "no true pose in it"),
+        (
+            &["map", &without, "--fix", &marks],
+            "localizer.source = \"landmarks\" without localizer.sightings measures from",
+        ),
+        (&["map", &log, "--fix", &broken], "broken.txt: line 1: \"1 2 3\"; expected 4 words"),
+        (&["map", &log, "--fix", "no/such.toml"], "no/such.toml\": there is no such file"),
+        (&["map", &log, "--fix", "reference"], "localizer.reference = \"\": expected a file"),
         (&["map", &log, "--fix-every", "5m"], "who is to be asked? Name one: --fix truth"),
         (&["map", &log, "--fix", "thruth"], "did you mean \"truth\"?"),
         (&["map", &log, "--fix", "truth", "--fix-every", "5"], "like 5m or 10s"),
@@ -111,6 +213,26 @@ fn what_can_not_be_asked_is_told_before_anything_is_started() {
         let output = echogrid(arguments);
         assert!(!output.status.success() && said(&output).contains(expected), "{arguments:?}: {}", said(&output));
     }
+}
+
+#[test]
+fn a_reference_straightens_a_real_drive() {
+    let files = data("carmen/aces-raw.log.gz").zip(data("carmen/aces-reference.txt"));
+    let Some((log, reference)) = files else { return };
+    let out = tempfile::tempdir().unwrap();
+    let (log, folder, reference) = (path(&log), path(out.path()), path(&reference));
+    let map = ["map", &log, "--out", &folder, "--json", "-q"];
+    let fixes = ["--fix", &reference, "--fix-every", "10m"];
+    let summary = summary(&echogrid(map.into_iter().chain(fixes)));
+    assert!(summary["fixes"].as_u64().unwrap() > 10, "{summary}");
+    let path = native::read(&out.path().join("map.echogrid")).unwrap().path;
+    let reference = ReferencePath::read(reference.as_ref()).unwrap();
+    let off = path
+        .iter()
+        .filter_map(|point| reference.at(point.stamp_ns, 2_000_000_000).map(|pose| pose.distance_m(point.pose)));
+    let off: Vec<f64> = off.collect();
+    let mean_m = off.iter().sum::<f64>() / off.len() as f64;
+    assert!(mean_m < 0.5, "{mean_m}");
 }
 
 /// MODEL.md section 3b, the paper's model: 0.86 with a fix every 5 m.

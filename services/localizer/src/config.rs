@@ -1,6 +1,9 @@
 //! `[localizer]`: who knows where the robot is, and how well.
 
+use std::path::{Path, PathBuf};
+
 use echogrid_core::config::ConfigError;
+use echogrid_core::landmarks::{SIGMA_MAX, SIGMA_MIN};
 use serde::{Deserialize, Serialize};
 
 /// Who knows where the robot is.
@@ -13,6 +16,36 @@ pub enum Source {
     Operator,
     /// The sensor itself: a simulator, or a log with true poses.
     Truth,
+    /// A file of where the robot was.
+    Reference,
+    /// Surveyed landmarks, and what is measured of them.
+    Landmarks,
+}
+
+/// What is measured of a landmark.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Measure {
+    /// Range and bearing.
+    Both,
+    /// Range alone: that tells the position, not the heading.
+    Range,
+    /// Bearing alone.
+    Bearing,
+}
+
+impl Measure {
+    /// Whether ranges are used.
+    #[must_use]
+    pub fn ranges(self) -> bool {
+        self != Self::Bearing
+    }
+
+    /// Whether bearings are used.
+    #[must_use]
+    pub fn bearings(self) -> bool {
+        self != Self::Range
+    }
 }
 
 /// `[localizer]`.
@@ -21,21 +54,78 @@ pub enum Source {
 pub struct LocalizerConfig {
     /// Who knows where the robot is.
     pub source: Source,
-    /// Standard deviation of the position that is told, metres along each axis.
+    /// Standard deviation of the position that truth or reference tell, metres along each axis. The truth is told with an
+    /// error drawn so; a reference as it stands.
     pub position_sigma_m: f64,
-    /// Standard deviation of the heading that is told, radians.
+    /// Standard deviation of the heading that truth or reference tell, radians.
     pub heading_sigma_rad: f64,
-    /// Seed of these errors.
+    /// Seed of all that is drawn.
     pub seed: u64,
+    /// The file of a reference path; empty: not named.
+    pub reference: PathBuf,
+    /// Between poses of the reference path farther apart than this nothing is known, seconds.
+    pub reference_gap_s: f64,
+    /// The file of the surveyed landmarks; empty: not named.
+    pub landmarks: PathBuf,
+    /// The file of what was measured of the landmarks; empty: that is measured from where the robot really is.
+    pub sightings: PathBuf,
+    /// Sightings so far from a request in time count for it, seconds.
+    pub sightings_within_s: f64,
+    /// Landmarks are measured from where the robot really is up to this far, metres.
+    pub sight_m: f64,
+    /// What is measured.
+    pub measure: Measure,
+    /// Standard deviation of a range to a landmark, metres.
+    pub range_sigma_m: f64,
+    /// Standard deviation of a bearing of a landmark, radians.
+    pub bearing_sigma_rad: f64,
 }
 
 impl Default for LocalizerConfig {
     fn default() -> Self {
-        Self { source: Source::None, position_sigma_m: 0.0, heading_sigma_rad: 0.0, seed: 1 }
+        Self {
+            source: Source::None,
+            position_sigma_m: 0.0,
+            heading_sigma_rad: 0.0,
+            seed: 1,
+            reference: PathBuf::new(),
+            reference_gap_s: 2.0,
+            landmarks: PathBuf::new(),
+            sightings: PathBuf::new(),
+            sightings_within_s: 0.5,
+            sight_m: 8.0,
+            measure: Measure::Both,
+            range_sigma_m: 0.1,
+            bearing_sigma_rad: 0.02,
+        }
     }
 }
 
 impl LocalizerConfig {
+    /// The keys that name files.
+    pub const FILES: [&str; 3] = ["reference", "landmarks", "sightings"];
+
+    /// The files that the source reads, each with its key.
+    #[must_use]
+    pub fn files(&self) -> Vec<(&'static str, &Path)> {
+        let files = match self.source {
+            Source::None | Source::Operator | Source::Truth => Vec::new(),
+            Source::Reference => vec![("reference", self.reference.as_path())],
+            Source::Landmarks => vec![("landmarks", self.landmarks.as_path()), ("sightings", self.sightings.as_path())],
+        };
+        files.into_iter().filter(|(_, file)| !file.as_os_str().is_empty()).collect()
+    }
+
+    /// Whether the sensor has to know where the robot really is.
+    #[must_use]
+    pub fn needs_truth(&self) -> bool {
+        match self.source {
+            Source::None | Source::Operator | Source::Reference => false,
+            Source::Truth => true,
+            Source::Landmarks => self.sightings.as_os_str().is_empty(),
+        }
+    }
+
     /// Whether a process answers, rather than the user or nobody.
     #[must_use]
     pub fn is_served(&self) -> bool {
@@ -47,11 +137,84 @@ impl LocalizerConfig {
     /// # Errors
     /// Names the key, what it is and what it should be.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        let sigma = |key, value: f64, expected| {
-            let right = value.is_finite() && value >= 0.0;
-            if right { Ok(()) } else { Err(ConfigError { key, value: value.to_string(), expected }) }
+        let check = |key, value: f64, fits: bool, expected| {
+            if fits { Ok(()) } else { Err(ConfigError { key, value: value.to_string(), expected }) }
         };
-        sigma("position_sigma_m", self.position_sigma_m, "metres, 0 or more")?;
-        sigma("heading_sigma_rad", self.heading_sigma_rad, "radians, 0 or more")
+        let positive = |key, value: f64, expected| check(key, value, value.is_finite() && value >= 0.0, expected);
+        let deviation =
+            |key, value: f64, expected| check(key, value, (SIGMA_MIN..=SIGMA_MAX).contains(&value), expected);
+        positive("position_sigma_m", self.position_sigma_m, "metres, 0 or more")?;
+        positive("heading_sigma_rad", self.heading_sigma_rad, "radians, 0 or more")?;
+        positive("reference_gap_s", self.reference_gap_s, "seconds, 0 or more")?;
+        positive("sightings_within_s", self.sightings_within_s, "seconds, 0 or more")?;
+        positive("sight_m", self.sight_m, "metres, 0 or more")?;
+        deviation("range_sigma_m", self.range_sigma_m, "metres, from 1e-9 to 1e6")?;
+        deviation("bearing_sigma_rad", self.bearing_sigma_rad, "radians, from 1e-9 to 1e6")?;
+        // What leaves no value that would be right comes last.
+        let named = |key, file: &Path, expected| match file.as_os_str().is_empty() {
+            true => Err(ConfigError { key, value: "\"\"".to_owned(), expected }),
+            false => Ok(()),
+        };
+        match self.source {
+            Source::None | Source::Operator | Source::Truth => Ok(()),
+            Source::Reference => named(
+                "reference",
+                &self.reference,
+                "a file with lines `t x y theta`, which localizer.source = \"reference\" is to read (--fix FILE names it, too)",
+            ),
+            Source::Landmarks => named(
+                "landmarks",
+                &self.landmarks,
+                "a file with tables [[landmark]], which localizer.source = \"landmarks\" is to read (--fix FILE.toml names \
+                 it, too)",
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_goes_by_its_key() {
+        let wrong = |change: fn(&mut LocalizerConfig)| {
+            let mut config = LocalizerConfig::default();
+            change(&mut config);
+            config.validate().unwrap_err().to_string()
+        };
+        assert!(LocalizerConfig::default().validate().is_ok());
+        for (found, expected) in [
+            (wrong(|config| config.position_sigma_m = -1.0), "position_sigma_m = -1: expected metres, 0 or more"),
+            (wrong(|config| config.reference_gap_s = f64::NAN), "reference_gap_s = NaN: expected seconds"),
+            (wrong(|config| config.sightings_within_s = -0.1), "sightings_within_s = -0.1: expected seconds"),
+            (wrong(|config| config.sight_m = f64::INFINITY), "sight_m = inf: expected metres"),
+            (wrong(|config| config.range_sigma_m = 0.0), "range_sigma_m = 0: expected metres, from 1e-9"),
+            (wrong(|config| config.bearing_sigma_rad = 1e9), "bearing_sigma_rad = 1000000000: expected radians"),
+            (wrong(|config| config.source = Source::Reference), "reference = \"\": expected a file with lines"),
+            (wrong(|config| config.source = Source::Landmarks), "landmarks = \"\": expected a file with tables"),
+        ] {
+            assert!(found.contains(expected), "{found}");
+        }
+    }
+
+    #[test]
+    fn what_a_source_needs() {
+        let with = |source, sightings: &str| LocalizerConfig {
+            source,
+            reference: "path.txt".into(),
+            landmarks: "marks.toml".into(),
+            sightings: sightings.into(),
+            ..LocalizerConfig::default()
+        };
+        let keys = |config: &LocalizerConfig| config.files().iter().map(|(key, _)| *key).collect::<Vec<_>>();
+        for (config, files, truth) in [
+            (with(Source::Truth, "seen.txt"), &[][..], true),
+            (with(Source::Reference, "seen.txt"), &["reference"], false),
+            (with(Source::Landmarks, ""), &["landmarks"], true),
+            (with(Source::Landmarks, "seen.txt"), &["landmarks", "sightings"], false),
+        ] {
+            assert_eq!((keys(&config).as_slice(), config.needs_truth()), (files, truth), "{config:?}");
+        }
     }
 }

@@ -4,18 +4,20 @@
 //! An answer depends on the request and the stamps alone, so that a replay is rectified as the run was.
 
 pub mod config;
+mod landmarks;
+mod reference;
+mod source;
 mod truth;
 
 use std::collections::VecDeque;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use config::{LocalizerConfig, Source};
-use echogrid_core::Fix;
-use echogrid_core::noise::standard_normal_pair;
+use config::LocalizerConfig;
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, Topic};
-use truth::{Known, Truth};
+use source::{Answer, Source};
+use truth::Truth;
 
 /// What it reads. The requests end last, after the end of the truth was sent: what is read after them is read to its end.
 pub const INPUTS: &[Topic] = &[Topic::LocalizationRequest, Topic::TruePose];
@@ -25,20 +27,22 @@ pub const OUTPUTS: &[Topic] = &[Topic::LocalizationFix];
 /// The localizer service.
 #[derive(Debug)]
 pub struct LocalizerService {
-    config: LocalizerConfig,
+    source: Source,
     truth: Truth,
     /// Requests, with their stamps, of times that the truth has not reached.
     waiting: VecDeque<(u64, LocalizationRequest)>,
+    /// Requests that were answered without a fix.
+    unanswered: u64,
 }
 
 impl LocalizerService {
-    /// From the configuration.
+    /// From the configuration; reads the files that it names.
     ///
     /// # Errors
-    /// A value is out of range.
+    /// A value is out of range, or a file can't be read or makes no sense.
     pub fn new(config: &LocalizerConfig) -> Result<Self> {
         config.validate().context("[localizer]")?;
-        Ok(Self { config: config.clone(), truth: Truth::default(), waiting: VecDeque::new() })
+        Ok(Self { source: Source::new(config)?, truth: Truth::default(), waiting: VecDeque::new(), unanswered: 0 })
     }
 
     /// From the plan of a run.
@@ -52,38 +56,23 @@ impl LocalizerService {
     /// Answers what can be answered by now.
     fn answer_waiting(&mut self, out: &mut Outbox) {
         while let Some((stamp_ns, request)) = self.waiting.front() {
-            let Some(fix) = self.locate(*stamp_ns, request) else { break };
-            if fix.is_none() {
-                tracing::debug!(request = request.id, stamp_ns, "the robot can't be localized");
-            }
+            let fix = match self.source.answer(*stamp_ns, request, &self.truth) {
+                Answer::NotYet => break,
+                Answer::Fix(fix) => Some(fix),
+                Answer::Unknown(why) => {
+                    self.unanswered += 1;
+                    // The first tells what is wrong, and there may be thousands.
+                    if self.unanswered == 1 {
+                        tracing::warn!(request = request.id, stamp_ns, why, "where the robot was can't be told");
+                    } else {
+                        tracing::debug!(request = request.id, stamp_ns, why, "where the robot was can't be told");
+                    }
+                    None
+                }
+            };
             out.send(*stamp_ns, Message::Fix(LocalizationFix { request: request.id, fix }));
             self.waiting.pop_front();
         }
-    }
-
-    /// Where the robot was; none inside if that can't be told, none outside if it can't be told yet.
-    fn locate(&self, stamp_ns: u64, request: &LocalizationRequest) -> Option<Option<Fix>> {
-        match self.config.source {
-            Source::None | Source::Operator => Some(None),
-            Source::Truth => match self.truth.at(stamp_ns) {
-                Known::NotYet => None,
-                Known::Never => Some(None),
-                Known::Pose(pose) => Some(Some(self.about(Fix::certain(pose), request.id))),
-            },
-        }
-    }
-
-    /// The fix with the error that the source is configured to have; the same request draws the same error.
-    fn about(&self, exact: Fix, request: u64) -> Fix {
-        let LocalizerConfig { position_sigma_m, heading_sigma_rad, seed, .. } = self.config;
-        let (x, y) = standard_normal_pair(seed, request, 0);
-        let (theta, _) = standard_normal_pair(seed, request, 1);
-        let pose = echogrid_core::Pose2::new(
-            exact.pose.x + position_sigma_m * x,
-            exact.pose.y + position_sigma_m * y,
-            exact.pose.theta + heading_sigma_rad * theta,
-        );
-        Fix::about(pose, position_sigma_m, heading_sigma_rad)
     }
 }
 
@@ -109,6 +98,9 @@ impl Service for LocalizerService {
             Input::Message { stamp_ns, message: Message::Request(request), .. } => {
                 self.waiting.push_back((stamp_ns, *request));
             }
+            Input::Finish if self.unanswered > 1 => {
+                tracing::warn!(requests = self.unanswered, "so often where the robot was could not be told");
+            }
             Input::Message { .. } | Input::Finish => {}
         }
         self.answer_waiting(out);
@@ -124,8 +116,9 @@ pub fn main() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
+    use config::Source;
     use echogrid_core::localization::Reason;
-    use echogrid_core::{Estimate, Pose2};
+    use echogrid_core::{Estimate, Fix, Pose2};
     use echogrid_topics::{PoseEstimate, TruePose};
 
     use super::*;
@@ -204,5 +197,49 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 0.08, "{found} {expected}");
         }
         assert!((first[0].covariance[(1, 1)] - 0.04).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_reference_answers_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let reference = folder.path().join("path.txt");
+        std::fs::write(&reference, "1 0 0 0\n2 1 0 0\n9 8 0 0\n").unwrap();
+        let config = LocalizerConfig { source: Source::Reference, reference, ..LocalizerConfig::default() };
+        let mut service = service(&config);
+        let exact = |x| Some(Fix::certain(Pose2::new(x, 0.0, 0.0)));
+        for (id, (stamp_s, fix)) in (1..).zip([(1.5, exact(0.5)), (2.0, exact(1.0)), (5.0, None), (10.0, None)]) {
+            let answers = give(&mut service, (stamp_s * 1e9) as u64, request(id));
+            assert_eq!(answers, [LocalizationFix { request: id, fix }], "{stamp_s} s");
+        }
+        assert_eq!(service.unanswered, 2);
+    }
+
+    #[test]
+    fn files_that_are_wrong_are_told_with_their_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, text: &str| {
+            let file = folder.path().join(name);
+            std::fs::write(&file, text).unwrap();
+            file
+        };
+        let landmarks = file("marks.toml", "[[landmark]]\nname = \"a\"\nat = [1, 2]\n");
+        let plain = LocalizerConfig::default;
+        for (config, expected) in [
+            (
+                LocalizerConfig { source: Source::Reference, reference: file("r", "1 2 3\n"), ..plain() },
+                ["localizer.reference", "r: line 1: \"1 2 3\"; expected 4 words"],
+            ),
+            (
+                LocalizerConfig { source: Source::Landmarks, landmarks: file("l", "[[mark]]\n"), ..plain() },
+                ["localizer.landmarks", "l: line 1: "],
+            ),
+            (
+                LocalizerConfig { source: Source::Landmarks, landmarks, sightings: file("s", "1 b 1 -"), ..plain() },
+                ["localizer.sightings", "s: line 1: landmark is \"b\""],
+            ),
+        ] {
+            let error = format!("{:#}", LocalizerService::new(&config).unwrap_err());
+            assert!(expected.iter().all(|expected| error.contains(expected)), "{error}");
+        }
     }
 }

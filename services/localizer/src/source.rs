@@ -1,0 +1,96 @@
+//! Whoever knows where the robot was.
+
+use anyhow::Result;
+use echogrid_core::noise::standard_normal_pair;
+use echogrid_core::{Fix, Pose2};
+use echogrid_topics::LocalizationRequest;
+
+use crate::config::{self, LocalizerConfig};
+use crate::landmarks::Landmarks;
+use crate::reference::Reference;
+use crate::truth::{Known, Truth};
+
+/// What a source says to a request.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Answer {
+    /// Where the robot was.
+    Fix(Fix),
+    /// That can't be told, and why.
+    Unknown(String),
+    /// The truth has not come that far.
+    NotYet,
+}
+
+/// What is said where the sensor has no true pose.
+pub(crate) const NO_TRUTH: &str = "the sensor says nothing of where the robot really was at that time";
+
+/// Whoever knows where the robot was.
+#[derive(Debug)]
+pub(crate) enum Source {
+    /// Nobody, or the user, who is not asked here.
+    Nobody,
+    /// The sensor.
+    Truth(Told),
+    /// A file of poses.
+    Reference(Reference),
+    /// Surveyed landmarks.
+    Landmarks(Landmarks),
+}
+
+impl Source {
+    /// The source of a configuration, its files read.
+    pub(crate) fn new(config: &LocalizerConfig) -> Result<Self> {
+        Ok(match config.source {
+            config::Source::None | config::Source::Operator => Self::Nobody,
+            config::Source::Truth => Self::Truth(Told::new(config)),
+            config::Source::Reference => Self::Reference(Reference::read(config)?),
+            config::Source::Landmarks => Self::Landmarks(Landmarks::read(config)?),
+        })
+    }
+
+    /// Where the robot was at `stamp_ns`. Depends on the request and the stamps alone.
+    pub(crate) fn answer(&self, stamp_ns: u64, request: &LocalizationRequest, truth: &Truth) -> Answer {
+        match self {
+            Self::Nobody => Answer::Unknown("localizer.source names nobody who would know".to_owned()),
+            Self::Truth(told) => match truth.at(stamp_ns) {
+                Known::NotYet => Answer::NotYet,
+                Known::Never => Answer::Unknown(NO_TRUTH.to_owned()),
+                Known::Pose(pose) => Answer::Fix(told.about(pose, request.id)),
+            },
+            Self::Reference(reference) => reference.answer(stamp_ns),
+            Self::Landmarks(landmarks) => landmarks.answer(stamp_ns, request, truth),
+        }
+    }
+}
+
+/// How the truth is told.
+#[derive(Debug)]
+pub(crate) struct Told {
+    position_sigma_m: f64,
+    heading_sigma_rad: f64,
+    seed: u64,
+}
+
+impl Told {
+    fn new(config: &LocalizerConfig) -> Self {
+        let LocalizerConfig { position_sigma_m, heading_sigma_rad, seed, .. } = *config;
+        Self { position_sigma_m, heading_sigma_rad, seed }
+    }
+
+    /// The pose with the error that the source is configured to have; the same request draws the same error.
+    fn about(&self, exact: Pose2, request: u64) -> Fix {
+        let (x, y) = standard_normal_pair(self.seed, request, 0);
+        let (theta, _) = standard_normal_pair(self.seed, request, 1);
+        let pose = Pose2::new(
+            exact.x + self.position_sigma_m * x,
+            exact.y + self.position_sigma_m * y,
+            exact.theta + self.heading_sigma_rad * theta,
+        );
+        Fix::about(pose, self.position_sigma_m, self.heading_sigma_rad)
+    }
+}
+
+/// Seconds of the configuration as nanoseconds.
+pub(crate) fn nanoseconds(seconds: f64) -> u64 {
+    (seconds * 1e9).round() as u64
+}
