@@ -2,12 +2,13 @@
 
 use std::time::{Duration, Instant};
 
+use echogrid::config::{Config, LoadRequest};
 use echogrid::testing::GraphProcess;
 use echogrid_formats::localization::ReferencePath;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;
 
-use crate::support::{Drive, ECHOGRID, data, echogrid, path, said, summary};
+use crate::support::{Drive, ECHOGRID, data, echogrid, native_map_of, path, said, summary};
 
 /// How far the end of the path in a map is from where the robot really was, metres.
 fn off_at_the_end_m(drive: &Drive, out: &str) -> f64 {
@@ -104,6 +105,23 @@ fn landmarks_keep_the_robot_where_it_is() {
         // Drift since the last fix, and what the measurements are worth.
         assert!(off_at_the_end_m(&drive, measure) < 0.15, "{measure}: {}", off_at_the_end_m(&drive, measure));
     }
+}
+
+#[test]
+fn landmarks_are_measured_alike_in_processes_and_in_one_thread() {
+    let drive = Drive::new(8.0);
+    let marks = marks(&drive, MARKS.len());
+    let processes = drive.native_map("processes", &["-q", "--fix", &marks, "--fix-every", "2m"]);
+    let request = LoadRequest {
+        log: Some(path(&drive.log())),
+        fix: Some(marks),
+        fix_every: Some("2m".parse().unwrap()),
+        ..LoadRequest::default()
+    };
+    let config = Config::load(&request).unwrap().into_config();
+    let survey = echogrid_formats::log::survey(&config.replay.log).unwrap();
+    let provenance = echogrid::commands::provenance(&config, Some(&survey)).unwrap();
+    assert!(native_map_of(&config, provenance, &drive.out("thread")) == processes);
 }
 
 #[test]
@@ -219,20 +237,24 @@ fn what_can_not_be_asked_is_told_before_anything_is_started() {
 fn a_reference_straightens_a_real_drive() {
     let files = data("carmen/aces-raw.log.gz").zip(data("carmen/aces-reference.txt"));
     let Some((log, reference)) = files else { return };
-    let out = tempfile::tempdir().unwrap();
-    let (log, folder, reference) = (path(&log), path(out.path()), path(&reference));
-    let map = ["map", &log, "--out", &folder, "--json", "-q"];
-    let fixes = ["--fix", &reference, "--fix-every", "10m"];
-    let summary = summary(&echogrid(map.into_iter().chain(fixes)));
-    assert!(summary["fixes"].as_u64().unwrap() > 10, "{summary}");
-    let path = native::read(&out.path().join("map.echogrid")).unwrap().path;
-    let reference = ReferencePath::read(reference.as_ref()).unwrap();
-    let off = path
-        .iter()
-        .filter_map(|point| reference.at(point.stamp_ns, 2_000_000_000).map(|pose| pose.distance_m(point.pose)));
-    let off: Vec<f64> = off.collect();
-    let mean_m = off.iter().sum::<f64>() / off.len() as f64;
-    assert!(mean_m < 0.5, "{mean_m}");
+    let poses = ReferencePath::read(&reference).unwrap();
+    let (log, reference) = (path(&log), path(&reference));
+    // Mapping goes on between fixes; how far it is off in the mean, metres.
+    let run = |more: &[&str]| {
+        let out = tempfile::tempdir().unwrap();
+        let map = ["map", &log, "--out", &path(out.path()), "--json", "-q", "--set", "localization.hold=never"];
+        let summary = summary(&echogrid(map.iter().chain(more)));
+        let points = native::read(&out.path().join("map.echogrid")).unwrap().path;
+        let at = |stamp_ns| poses.at(stamp_ns, 2_000_000_000);
+        let off = points.iter().filter_map(|point| at(point.stamp_ns).map(|pose| pose.distance_m(point.pose)));
+        let off: Vec<f64> = off.collect();
+        assert!(off.len() > 50, "{}", off.len());
+        (summary, off.iter().sum::<f64>() / off.len() as f64)
+    };
+    let (_, without_m) = run(&[]);
+    let (summary, with_m) = run(&["--fix", &reference, "--fix-every", "10m"]);
+    assert!((20..=40).contains(&summary["fixes"].as_u64().unwrap()), "{summary}");
+    assert!(with_m < 0.5 && with_m < without_m / 5.0, "{with_m} m, {without_m} m without");
 }
 
 /// MODEL.md section 3b, the paper's model: 0.86 with a fix every 5 m.
