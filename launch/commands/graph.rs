@@ -52,8 +52,8 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     }
     // The sensor will read log or world as we did, beside the others.
     let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
+    probe_record(&config.simulator.record, &config.run.out)?;
     probe_output(&config.run.out)?;
-    probe_record(&config.simulator.record)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
@@ -137,9 +137,9 @@ fn probe_output(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// So is a folder for the record that can't be.
-fn probe_record(record: &Path) -> Result<()> {
-    if let Some(folder) = record.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+/// So is a folder for the record that can't be; the output directory `out` may yet have to be made.
+fn probe_record(record: &Path, out: &Path) -> Result<()> {
+    if let Some(folder) = record.parent().filter(|folder| !folder.as_os_str().is_empty() && *folder != out) {
         tempfile::tempfile_in(folder)
             .with_context(|| format!("simulator.record: {} can't be written there", record.display()))?;
     }
