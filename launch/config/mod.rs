@@ -33,7 +33,7 @@ use std::collections::BTreeMap;
 
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig};
-use echogrid_core::localization::LocalizationConfig;
+use echogrid_core::localization::{Ask, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
@@ -144,11 +144,12 @@ impl Config {
         self.services.values().any(|service| service.kind == ServiceKind::Localizer)
     }
 
-    /// `[localization]` with what `auto` comes to in this graph: mapping holds where somebody can mend it, and the odometry
-    /// waits for whoever does, unless a robot would have to wait with it.
+    /// `[localization]` with what `auto` comes to in this graph: mapping holds where somebody is asked to mend it, and the
+    /// odometry waits for whoever does, unless a robot would have to wait with it.
     #[must_use]
     pub fn resolved_localization(&self) -> LocalizationConfig {
-        let mended = self.has_localizer() || self.localizer.source == Source::Operator;
+        let asked = self.has_localizer() && matches!(self.localization.ask, Ask::Degraded | Ask::Both);
+        let mended = asked || self.localizer.source == Source::Operator;
         let mut sensors = self.services.values().filter(|service| service.kind == ServiceKind::Sensor);
         let is_real = sensors.any(|sensor| matches!(sensor.exec, Exec::Path(_)));
         LocalizationConfig {

@@ -7,9 +7,9 @@ use crate::support::{Drive, ECHOGRID};
 
 #[test]
 fn a_service_that_is_killed_is_named_and_nothing_is_left() {
-    for service in ["sensor", "odometry", "mapper", "publisher"] {
+    for service in ["sensor", "odometry", "localizer", "mapper", "publisher"] {
         let drive = Drive::new(f64::INFINITY);
-        let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "5"]));
+        let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "5", "--fix", "truth"]));
         graph.wait_for("all services ready");
         graph.kill(service);
         let ended = graph.wait();

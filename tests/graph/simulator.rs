@@ -1,11 +1,15 @@
 //! The simulator in place of a log: nothing else changes.
 
+use std::time::{Duration, Instant};
+
+use echogrid::testing::GraphProcess;
 use echogrid_formats::map::native;
 use echogrid_replay::{Replay, config::ReplayConfig};
 use echogrid_service::conformance;
+use nix::sys::signal::Signal;
 use tempfile::TempDir;
 
-use crate::support::{Drive, echogrid, native_map_of, path, said, summary};
+use crate::support::{Drive, ECHOGRID, echogrid, native_map_of, path, said, summary};
 
 /// A folder with a graph file for either sensor: half a minute in the small room.
 fn graph() -> (TempDir, String) {
@@ -56,6 +60,38 @@ fn processes_and_steps_in_one_thread_make_the_same_map() {
     let provenance = echogrid::commands::provenance(&config, None).unwrap();
     let local = native_map_of(&config, provenance, &folder.path().join("local"));
     assert!(local == std::fs::read(graph_out.join("map.echogrid")).unwrap());
+}
+
+#[test]
+fn a_simulated_robot_can_be_driven_by_hand() {
+    let (folder, graph) = graph();
+    let domain = format!("drive-{}", std::process::id());
+    let out = path(&folder.path().join("driven"));
+    let mut driven = GraphProcess::start_in(
+        &domain,
+        ECHOGRID,
+        ["up", &graph, "--sensor", "simulator", "--set", "simulator.route=commands", "--rate", "20", "--out", &out]
+            .into_iter()
+            .chain(["--set", "simulator.duration_s=0"]),
+    );
+    driven.wait_for("messages");
+    let told = |arguments: &[&str]| {
+        let output = echogrid(arguments.iter().chain(&["--domain", &domain]));
+        (output.status.success(), said(&output))
+    };
+    let (done, answer) = told(&["drive", "0.3", "-10deg"]);
+    assert!(done && answer.contains("sensor: drives at 0.3 m/s and -0.17"), "{answer}");
+    let (done, answer) = told(&["drive", "1000"]);
+    assert!(!done && answer.contains("speed 1000 m/s: expected at most 10 m/s either way"), "{answer}");
+    // It stood where it was until it was told.
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !told(&["status"]).1.lines().any(|line| line.starts_with("map ") && !line.contains(" 0.0 m, ")) {
+        assert!(Instant::now() < deadline, "{}", told(&["status"]).1);
+    }
+    driven.signal(Signal::SIGINT);
+    let ended = driven.wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
 }
 
 #[test]

@@ -178,7 +178,7 @@ static LOCALIZATION: Section = Section {
             "hold",
             &["auto", "always", "never"],
             "one of auto, always, never",
-            "whether mapping holds while degraded; auto: if somebody can say where the robot is",
+            "whether mapping holds while degraded; auto: if somebody is asked then where the robot is",
         ),
         words(
             "wait",

@@ -89,7 +89,7 @@ impl Default for LocalizerConfig {
             heading_sigma_rad: 0.0,
             seed: 1,
             reference: PathBuf::new(),
-            reference_gap_s: 2.0,
+            reference_gap_s: 5.0,
             landmarks: PathBuf::new(),
             sightings: PathBuf::new(),
             sightings_within_s: 0.5,

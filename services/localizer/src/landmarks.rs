@@ -4,13 +4,12 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result};
 use echogrid_core::landmarks::triangulate;
-use echogrid_core::noise::standard_normal_pair;
 use echogrid_core::{Fix, Pose2, Sighting, wrap_angle};
 use echogrid_formats::localization::{Landmarks as Surveyed, Sightings, TimedSighting};
 use echogrid_topics::LocalizationRequest;
 
 use crate::config::LocalizerConfig;
-use crate::source::{Answer, NO_TRUTH, nanoseconds};
+use crate::source::{Answer, NO_TRUTH, draws, nanoseconds};
 use crate::truth::{Known, Truth};
 
 /// Surveyed landmarks, and how they are measured.
@@ -61,7 +60,7 @@ impl Landmarks {
         let sighting = |(index, at): (usize, [f64; 2])| {
             let [x, y] = base_from_map.transform(at);
             let range_m = libm::hypot(x, y);
-            let (range, bearing) = standard_normal_pair(seed, request, u16::try_from(index).unwrap_or(u16::MAX));
+            let (range, bearing) = draws(seed, request, u16::try_from(index).unwrap_or(u16::MAX));
             (range_m <= sight_m).then(|| Sighting {
                 landmark: at,
                 range_m: measure.ranges().then(|| (range_m + range_sigma_m * range).max(0.0)),

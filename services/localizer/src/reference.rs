@@ -68,6 +68,7 @@ mod tests {
         std::fs::write(&file, "1 0 0 0\n2 1 2 0.5\n4.5 3 2 0\n").unwrap();
         let config = LocalizerConfig {
             reference: file,
+            reference_gap_s: 2.0,
             position_sigma_m: 0.1,
             heading_sigma_rad: 0.02,
             ..LocalizerConfig::default()

@@ -79,8 +79,8 @@ impl Told {
 
     /// The pose with the error that the source is configured to have; the same request draws the same error.
     fn about(&self, exact: Pose2, request: u64) -> Fix {
-        let (x, y) = standard_normal_pair(self.seed, request, 0);
-        let (theta, _) = standard_normal_pair(self.seed, request, 1);
+        let (x, y) = draws(self.seed, request, 0);
+        let (theta, _) = draws(self.seed, request, 1);
         let pose = Pose2::new(
             exact.x + self.position_sigma_m * x,
             exact.y + self.position_sigma_m * y,
@@ -93,4 +93,10 @@ impl Told {
 /// Seconds of the configuration as nanoseconds.
 pub(crate) fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9).round() as u64
+}
+
+/// Two draws from N(0, 1) that belong to one request. Not those that the mapper draws for the scan of that number, where
+/// both have the same seed.
+pub(crate) fn draws(seed: u64, request: u64, index: u16) -> (f64, f64) {
+    standard_normal_pair(seed ^ u64::from_le_bytes(*b"localize"), request, index)
 }

@@ -66,7 +66,7 @@ pub struct LocalizationConfig {
     pub retry_s: f64,
     /// The state is degraded while the trust of a nominal reading is below this.
     pub degraded_trust: f64,
-    /// Whether mapping holds while degraded. Auto: if somebody can mend it.
+    /// Whether mapping holds while degraded. Auto: if somebody is asked then to mend it.
     pub hold: Choice,
     /// Whether the odometry waits for the answer, so that the same log gives the same map. Auto: unless the robot is real.
     pub wait: Choice,

@@ -167,7 +167,10 @@ fn the_odometry_starts_where_the_robot_does() {
     let config = SimulatorConfig { start: vec![2.0, 1.0, 90.0], ..exact() };
     let mut simulator =
         Simulator::scripted(&config, named("room"), sonars(&[0.0]), [Motion::Wait { seconds: 0.1 }]).unwrap();
+    let start = Pose2::new(2.0, 1.0, core::f64::consts::FRAC_PI_2);
     simulator.next().unwrap();
-    let Some((0, Message::Odometry(odometry))) = simulator.next().unwrap() else { panic!("odometry is second") };
-    assert_eq!(odometry.odom_from_base, Pose2::new(2.0, 1.0, core::f64::consts::FRAC_PI_2));
+    let Some((0, Message::TruePose(truth))) = simulator.next().unwrap() else { panic!("the truth is second") };
+    assert_eq!(truth.map_from_base, Some(start));
+    let Some((0, Message::Odometry(odometry))) = simulator.next().unwrap() else { panic!("odometry is third") };
+    assert_eq!(odometry.odom_from_base, start);
 }
