@@ -31,6 +31,8 @@ pub struct Summary {
     pub trust: f64,
     /// Absolute localizations.
     pub fixes: u32,
+    /// Width and height of the world, metres; none where the sensor knows no world.
+    pub world_m: Option<[f64; 2]>,
     /// Cells by what is known of them.
     pub cells: Cells,
     /// Side of a cell, metres.
@@ -106,6 +108,10 @@ impl Summary {
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
+            world_m: outcome.world.as_ref().map(|world| {
+                let [[x_low, y_low], [x_high, y_high]] = world.bounds_m;
+                [x_high - x_low, y_high - y_low]
+            }),
             cells: Cells { known: map.cells_known, occupied: map.cells_occupied, free: map.cells_free },
             resolution_m,
             extent_m,
@@ -161,6 +167,9 @@ impl fmt::Display for Summary {
             write!(f, "{lead}{} {}", refused.readings, refused.reason.replace('_', " "))?;
         }
         writeln!(f)?;
+        if let Some([width_m, height_m]) = self.world_m {
+            writeln!(f, "world     {width_m:.1} × {height_m:.1} m")?;
+        }
         let Cells { known, occupied, free } = self.cells;
         writeln!(
             f,

@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail};
 use child::{Line, Process, logging_environment};
 use echogrid_service::Plan;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Domain, Health, Input, MapInfo, Message, Owner, Received, ServiceState, Topic};
+use echogrid_topics::{Domain, Health, Input, MapInfo, Message, Owner, Received, ServiceState, Topic, TrueWorld};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
@@ -97,6 +97,8 @@ pub trait Observer {
 pub struct Outcome {
     /// The map in numbers, as the mapper last told.
     pub map: Option<MapInfo>,
+    /// The world, if the sensor is a simulator that tells.
+    pub world: Option<TrueWorld>,
     /// The last health of each service.
     pub health: BTreeMap<String, Health>,
     /// Whether the user stopped it.
@@ -142,12 +144,14 @@ pub fn run(graph: &Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
     graph.plan.write(owner.domain())?;
     let health = Input::open(owner.participant(), Topic::Health)?;
     let info = Input::open(owner.participant(), Topic::MapInfo)?;
+    let world = Input::open(owner.participant(), Topic::TrueWorld)?;
     let (sender, lines) = channel();
     let mut supervisor = Supervisor {
         processes: Vec::new(),
         signals,
         health,
         info,
+        world,
         lines,
         started: Instant::now(),
         alive_within: graph.alive_within,
@@ -179,6 +183,7 @@ struct Supervisor {
     signals: Signals,
     health: Input,
     info: Input,
+    world: Input,
     lines: Receiver<Line>,
     started: Instant,
     alive_within: Duration,
@@ -289,6 +294,12 @@ impl Supervisor {
         while let Some(received) = self.info.receive()? {
             if let Received::Message(_, Message::Info(info)) = received {
                 self.outcome.map = Some(info);
+            }
+        }
+        self.world.hush()?;
+        while let Some(received) = self.world.receive()? {
+            if let Received::Message(_, Message::TrueWorld(world)) = received {
+                self.outcome.world = Some(world);
             }
         }
         Ok(())

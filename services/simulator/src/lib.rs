@@ -57,7 +57,8 @@ pub use simulator::Simulator;
 pub use slip::ExpectedErrors;
 
 /// What it writes.
-pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
+pub const OUTPUTS: &[Topic] =
+    &[Topic::RobotDescription, Topic::TrueWorld, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
 
 /// The world that a configuration names, as the simulator takes it: walls only, where a file has walls and the points that
 /// a laser once measured of them.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{Footprint, Pose2, Robot, World};
 use echogrid_service::{Plan, Sensor};
-use echogrid_topics::{Command as Order, Message, RawOdometry, Topic, TruePose};
+use echogrid_topics::{Command as Order, Message, RawOdometry, Topic, TruePose, TrueWorld};
 
 use crate::cause::Heard;
 use crate::config::{Route, SimulatorConfig};
@@ -37,6 +37,7 @@ enum Pilot {
 #[derive(Debug)]
 pub struct Simulator {
     world: World,
+    world_name: String,
     corners: Corners,
     people: People,
     drive: Drive,
@@ -101,7 +102,8 @@ impl Timer {
 }
 
 impl Simulator {
-    /// The robot of a configuration in its world, along its route. (`config.world` is a name only: for errors.)
+    /// The robot of a configuration in its world, along its route. (`config.world` is a name only, for errors
+    /// and for whoever wants to know.)
     ///
     /// # Errors
     /// A value out of its range, a route that can't be driven, a start without room, a record that can't be written.
@@ -187,6 +189,7 @@ impl Simulator {
             last_heard: LastHeard::Nothing,
             ending: false,
             ended: false,
+            world_name: config.world.clone(),
             world,
             ring,
             lidar,
@@ -383,6 +386,8 @@ impl Sensor for Simulator {
 
     fn next(&mut self) -> Result<Option<(u64, Message)>> {
         if let Some(robot) = self.robot.take() {
+            let world = TrueWorld { name: self.world_name.clone(), bounds_m: self.world.bounds_m() };
+            self.waiting.push_front((0, Message::TrueWorld(world)));
             return Ok(Some((0, Message::Robot(robot))));
         }
         loop {

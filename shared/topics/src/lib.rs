@@ -14,7 +14,7 @@ pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
 pub use message::{
     Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState,
-    TileUpdate, TruePose,
+    TileUpdate, TruePose, TrueWorld,
 };
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};

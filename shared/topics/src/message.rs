@@ -12,8 +12,8 @@ use nalgebra::Matrix3;
 use crate::topic::Topic;
 use crate::wire::{
     AckWire, EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS, MAX_VERDICTS,
-    MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TILE_CELLS, TileWire, TruePoseWire, VerdictWire,
-    bytes_to_text, text_to_bytes,
+    MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TILE_CELLS, TileWire, TruePoseWire,
+    TrueWorldWire, VerdictWire, bytes_to_text, text_to_bytes,
 };
 
 /// Positions beyond are taken for faults, metres.
@@ -74,6 +74,15 @@ pub struct PoseEstimate {
 pub struct TruePose {
     /// None: not known at this time.
     pub map_from_base: Option<Pose2>,
+}
+
+/// The world that a simulated robot is in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrueWorld {
+    /// Name of a world that comes with echogrid, or the path of its file.
+    pub name: String,
+    /// Lowest and highest x and y of its walls, metres, map frame.
+    pub bounds_m: [[f64; 2]; 2],
 }
 
 /// An absolute localization is wanted, of the stamp of the message.
@@ -215,6 +224,8 @@ pub enum Message {
     Health(Health),
     /// [`Topic::TruePose`].
     TruePose(TruePose),
+    /// [`Topic::TrueWorld`].
+    TrueWorld(TrueWorld),
     /// [`Topic::LocalizationRequest`].
     Request(Box<LocalizationRequest>),
     /// [`Topic::LocalizationFix`].
@@ -235,6 +246,7 @@ impl Message {
             Self::Verdicts(_) => Topic::RangeVerdict,
             Self::Health(_) => Topic::Health,
             Self::TruePose(_) => Topic::TruePose,
+            Self::TrueWorld(_) => Topic::TrueWorld,
             Self::Request(_) => Topic::LocalizationRequest,
             Self::Fix(_) => Topic::LocalizationFix,
         }
@@ -462,6 +474,26 @@ impl TryFrom<&TruePoseWire> for TruePose {
     fn try_from(wire: &TruePoseWire) -> Result<Self, Fault> {
         let known = (wire.known != 0).then(|| pose(wire.x_m, wire.y_m, wire.theta_rad));
         Ok(Self { map_from_base: known.transpose()? })
+    }
+}
+
+/// A name that is too long is cut.
+impl From<&TrueWorld> for TrueWorldWire {
+    fn from(TrueWorld { name, bounds_m: [[x_low, y_low], [x_high, y_high]] }: &TrueWorld) -> Self {
+        Self { name: text_to_bytes(name), bounds_m: [*x_low, *y_low, *x_high, *y_high] }
+    }
+}
+
+impl TryFrom<&TrueWorldWire> for TrueWorld {
+    type Error = Fault;
+
+    fn try_from(wire: &TrueWorldWire) -> Result<Self, Fault> {
+        let [x_low, y_low, x_high, y_high] = wire.bounds_m;
+        for value in wire.bounds_m {
+            check(value.is_finite() && value.abs() <= POSITION_LIMIT_M, "bounds_m", value, "within ±1e6 m")?;
+        }
+        check(x_low <= x_high && y_low <= y_high, "bounds_m", x_high, "the lowest x and y before the highest")?;
+        Ok(Self { name: bytes_to_text(&wire.name), bounds_m: [[x_low, y_low], [x_high, y_high]] })
     }
 }
 

@@ -9,7 +9,7 @@ use crate::participant::{Bell, Participant, Sized, Slice, TopicError, attribute_
 use crate::topic::{Qos, Topic, memory_budget_bytes};
 use crate::wire::{
     EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
-    RobotWire, TileWire, TruePoseWire, VerdictWire, Wire,
+    RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
 };
 
 /// A producer appeared, left, died.
@@ -51,6 +51,7 @@ impl Owner {
                 Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
                 Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
                 Topic::TruePose => Box::new(create_sized::<TruePoseWire>(node, topic, qos)?),
+                Topic::TrueWorld => Box::new(create_sized::<TrueWorldWire>(node, topic, qos)?),
                 Topic::LocalizationRequest => Box::new(create_sized::<LocalizationRequestWire>(node, topic, qos)?),
                 Topic::LocalizationFix => Box::new(create_sized::<FixWire>(node, topic, qos)?),
             });

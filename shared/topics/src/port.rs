@@ -11,13 +11,13 @@ use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, EventId, FileD
 
 use crate::message::{
     Ack, Fault, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
-    ServiceState, TileUpdate, TruePose,
+    ServiceState, TileUpdate, TruePose, TrueWorld,
 };
 use crate::participant::{Participant, SENT, Sized, Slice, TopicError};
 use crate::topic::{Delivery, Topic};
 use crate::wire::{
     EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
-    RobotWire, TileWire, TruePoseWire, VerdictWire, Wire,
+    RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
 };
 
 /// Header flag: the stream ends here.
@@ -37,6 +37,7 @@ enum Out {
     Verdicts(PublisherOf<[VerdictWire]>),
     Health(PublisherOf<HealthWire>),
     Truth(PublisherOf<TruePoseWire>),
+    World(PublisherOf<TrueWorldWire>),
     Request(PublisherOf<LocalizationRequestWire>),
     Fix(PublisherOf<FixWire>),
 }
@@ -52,6 +53,7 @@ enum In {
     Verdicts(SubscriberOf<[VerdictWire]>),
     Health(SubscriberOf<HealthWire>),
     Truth(SubscriberOf<TruePoseWire>),
+    World(SubscriberOf<TrueWorldWire>),
     Request(SubscriberOf<LocalizationRequestWire>),
     Fix(SubscriberOf<FixWire>),
 }
@@ -100,6 +102,7 @@ impl Output {
             Topic::RangeVerdict => Out::Verdicts(slice_publisher(participant, topic, max_readings)?),
             Topic::Health => Out::Health(publisher(participant, topic)?),
             Topic::TruePose => Out::Truth(publisher(participant, topic)?),
+            Topic::TrueWorld => Out::World(publisher(participant, topic)?),
             Topic::LocalizationRequest => Out::Request(publisher(participant, topic)?),
             Topic::LocalizationFix => Out::Fix(publisher(participant, topic)?),
         };
@@ -184,6 +187,7 @@ impl Output {
             }
             (Out::Health(port), Message::Health(health)) => put(port, topic, header, health.into()),
             (Out::Truth(port), Message::TruePose(pose)) => put(port, topic, header, pose.into()),
+            (Out::World(port), Message::TrueWorld(world)) => put(port, topic, header, world.into()),
             (Out::Request(port), Message::Request(request)) => put(port, topic, header, request.as_ref().into()),
             (Out::Fix(port), Message::Fix(fix)) => put(port, topic, header, fix.into()),
             (_, message) => {
@@ -214,6 +218,7 @@ impl Output {
             }
             Out::Health(port) => put(port, topic, header, HealthWire::default()),
             Out::Truth(port) => put(port, topic, header, TruePoseWire::default()),
+            Out::World(port) => put(port, topic, header, TrueWorldWire::default()),
             Out::Request(port) => put(port, topic, header, LocalizationRequestWire::default()),
             Out::Fix(port) => put(port, topic, header, FixWire::default()),
         }?;
@@ -237,6 +242,7 @@ impl Output {
             Out::Verdicts(port) => port.update_connections(),
             Out::Health(port) => port.update_connections(),
             Out::Truth(port) => port.update_connections(),
+            Out::World(port) => port.update_connections(),
             Out::Request(port) => port.update_connections(),
             Out::Fix(port) => port.update_connections(),
         }
@@ -306,6 +312,7 @@ impl Input {
             Topic::RangeVerdict => In::Verdicts(slice_subscriber(participant, topic)?),
             Topic::Health => In::Health(subscriber(participant, topic)?),
             Topic::TruePose => In::Truth(subscriber(participant, topic)?),
+            Topic::TrueWorld => In::World(subscriber(participant, topic)?),
             Topic::LocalizationRequest => In::Request(subscriber(participant, topic)?),
             Topic::LocalizationFix => In::Fix(subscriber(participant, topic)?),
         };
@@ -355,6 +362,7 @@ impl Input {
             }),
             In::Health(port) => get(port, topic, |w: &HealthWire| Health::try_from(w).map(Message::Health)),
             In::Truth(port) => get(port, topic, |w: &TruePoseWire| TruePose::try_from(w).map(Message::TruePose)),
+            In::World(port) => get(port, topic, |w: &TrueWorldWire| TrueWorld::try_from(w).map(Message::TrueWorld)),
             In::Request(port) => get(port, topic, |w: &LocalizationRequestWire| {
                 LocalizationRequest::try_from(w).map(|request| Message::Request(Box::new(request)))
             }),
@@ -381,6 +389,7 @@ impl Input {
             In::Verdicts(port) => port.has_samples(),
             In::Health(port) => port.has_samples(),
             In::Truth(port) => port.has_samples(),
+            In::World(port) => port.has_samples(),
             In::Request(port) => port.has_samples(),
             In::Fix(port) => port.has_samples(),
         }

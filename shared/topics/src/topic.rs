@@ -27,6 +27,8 @@ pub enum Topic {
     LocalizationRequest = 10,
     /// The answer, and fixes that nobody asked for.
     LocalizationFix = 11,
+    /// The world that a simulated robot is in. Not for odometry or mapper either.
+    TrueWorld = 12,
 }
 
 /// What a topic promises.
@@ -61,7 +63,7 @@ pub struct Qos {
 
 impl Topic {
     /// Every topic.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::RobotDescription,
         Self::OdometryRaw,
         Self::RangeScan,
@@ -73,6 +75,7 @@ impl Topic {
         Self::TruePose,
         Self::LocalizationRequest,
         Self::LocalizationFix,
+        Self::TrueWorld,
     ];
 
     /// Its name among the services of a domain.
@@ -90,6 +93,7 @@ impl Topic {
             Self::TruePose => "truth/pose",
             Self::LocalizationRequest => "localization/request",
             Self::LocalizationFix => "localization/fix",
+            Self::TrueWorld => "truth/world",
         }
     }
 
@@ -110,7 +114,9 @@ impl Topic {
             | Self::TruePose
             | Self::LocalizationRequest => Delivery::Lossless,
             // Who waits for a fix waits for one at a time.
-            Self::RobotDescription | Self::MapInfo | Self::Health | Self::LocalizationFix => Delivery::Latest,
+            Self::RobotDescription | Self::MapInfo | Self::Health | Self::LocalizationFix | Self::TrueWorld => {
+                Delivery::Latest
+            }
             Self::RangeVerdict => Delivery::Droppable,
         }
     }
@@ -123,7 +129,7 @@ impl Topic {
     pub fn qos(self, max_readings: usize) -> Qos {
         use crate::wire::{
             EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
-            RobotWire, TileWire, TruePoseWire, VerdictWire,
+            RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire,
         };
         let stream = Qos {
             history: 2048,
@@ -155,6 +161,7 @@ impl Topic {
                 Qos { history: 0, buffer: 128, window: 64, element_size: size_of::<TileWire>(), ..stream }
             }
             Self::RobotDescription => Qos { element_size: size_of::<RobotWire>(), ..latest },
+            Self::TrueWorld => Qos { element_size: size_of::<TrueWorldWire>(), ..latest },
             Self::MapInfo => Qos { element_size: size_of::<MapInfoWire>(), ..latest },
             Self::Health => {
                 Qos { buffer: 4, publishers: 16, subscribers: 16, element_size: size_of::<HealthWire>(), ..latest }

@@ -322,6 +322,16 @@ wire! {
 }
 
 wire! {
+    /// `truth/world`: the world that a simulated robot is in.
+    "echogrid/TrueWorld/1" TrueWorldWire {
+        /// Name of a world that comes with echogrid, or the path of its file; UTF-8, padded with zeros.
+        name: [u8; 480],
+        /// Lowest x and y, then highest x and y of its walls, metres, map frame.
+        bounds_m: [f64; 4],
+    }
+}
+
+wire! {
     /// `localization/request`: an absolute localization is wanted.
     "echogrid/LocalizationRequest/2" LocalizationRequestWire {
         /// Number of the request: 1, 2, 3 …
@@ -407,6 +417,7 @@ pub fn layouts() -> String {
     one::<AckWire>(&mut text);
     one::<HealthWire>(&mut text);
     one::<TruePoseWire>(&mut text);
+    one::<TrueWorldWire>(&mut text);
     one::<LocalizationRequestWire>(&mut text);
     one::<FixWire>(&mut text);
     one::<ControlRequestWire>(&mut text);

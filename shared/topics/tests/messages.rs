@@ -13,11 +13,11 @@ use echogrid_core::{
 use echogrid_topics::message::Fault;
 use echogrid_topics::wire::{
     EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS, MapInfoWire, OdometryRawWire,
-    ReadingWire, RobotWire, TILE_CELLS, TileWire, TruePoseWire, VerdictWire, Wire,
+    ReadingWire, RobotWire, TILE_CELLS, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
 };
 use echogrid_topics::{
     Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, PoseEstimate, RawOdometry, ServiceState, TileUpdate,
-    Topic, TruePose,
+    Topic, TruePose, TrueWorld,
 };
 use proptest::prelude::*;
 
@@ -187,6 +187,8 @@ proptest! {
         request in request(), fix in fix(), truth in prop::option::of(pose()),
     ) {
         let truth = TruePose { map_from_base: truth };
+        let (low, high) = (pose.x.min(0.0), pose.x.max(0.0));
+        let world = TrueWorld { name: robot.name.clone(), bounds_m: [[low, -1.0], [high, 2.0]] };
         let raw = RawOdometry { odom_from_base: pose, v_mps, w_radps };
         let verdict = (transducer, Verdict::ALL[verdict]);
         prop_assert_eq!(sent::<RobotWire, _>(&robot), robot);
@@ -197,6 +199,7 @@ proptest! {
         prop_assert_eq!(sent::<HealthWire, _>(&health), health);
         prop_assert_eq!(sent::<VerdictWire, _>(&verdict), verdict);
         prop_assert_eq!(sent::<TruePoseWire, _>(&truth), truth);
+        prop_assert_eq!(sent::<TrueWorldWire, _>(&world), world);
         prop_assert_eq!(sent::<LocalizationRequestWire, _>(&request), request);
         prop_assert_eq!(sent::<FixWire, _>(&fix), fix);
     }
@@ -250,6 +253,7 @@ proptest! {
         survives::<VerdictWire, (u16, Verdict)>(&bytes);
         survives::<HealthWire, Health>(&bytes);
         survives::<TruePoseWire, TruePose>(&bytes);
+        survives::<TrueWorldWire, TrueWorld>(&bytes);
         survives::<LocalizationRequestWire, LocalizationRequest>(&bytes);
         survives::<FixWire, LocalizationFix>(&bytes);
     }
@@ -350,6 +354,8 @@ fn localizations_that_cannot_be() {
     refused::<_, LocalizationRequest>(asked, "trust", |w| w.estimate.trust = 2.0);
     let truth = TruePoseWire { known: 1, ..TruePoseWire::default() };
     refused::<_, TruePose>(truth, "y_m", |w| w.y_m = f64::INFINITY);
+    refused::<_, TrueWorld>(TrueWorldWire::default(), "bounds_m", |w| w.bounds_m[1] = f64::NAN);
+    refused::<_, TrueWorld>(TrueWorldWire::default(), "bounds_m", |w| w.bounds_m[0] = 1.0);
 }
 
 #[test]

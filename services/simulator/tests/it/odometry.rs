@@ -169,8 +169,10 @@ fn the_odometry_starts_where_the_robot_does() {
         Simulator::scripted(&config, named("room"), sonars(&[0.0]), [Motion::Wait { seconds: 0.1 }]).unwrap();
     let start = Pose2::new(2.0, 1.0, core::f64::consts::FRAC_PI_2);
     simulator.next().unwrap();
-    let Some((0, Message::TruePose(truth))) = simulator.next().unwrap() else { panic!("the truth is second") };
+    let Some((0, Message::TrueWorld(world))) = simulator.next().unwrap() else { panic!("the world is second") };
+    assert_eq!(world.bounds_m, [[0.0, 0.0], [6.0, 4.0]]);
+    let Some((0, Message::TruePose(truth))) = simulator.next().unwrap() else { panic!("the truth is third") };
     assert_eq!(truth.map_from_base, Some(start));
-    let Some((0, Message::Odometry(odometry))) = simulator.next().unwrap() else { panic!("odometry is third") };
+    let Some((0, Message::Odometry(odometry))) = simulator.next().unwrap() else { panic!("odometry is fourth") };
     assert_eq!(odometry.odom_from_base, start);
 }
