@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod drive;
+mod experiment;
 mod failure;
 mod localization;
 mod maps;
