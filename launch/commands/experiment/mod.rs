@@ -40,7 +40,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     // Whatever is wrong is said before anything is made.
     let world = world_of(&Variant::ignored().config(&drive, &request.out)?.simulator)?;
     // The moments are those of the map that asks where the robot is: the drive doesn't depend on who maps.
-    let scout = play(&Variant::localized().config(&drive, &request.out)?, Observer::new(None, Vec::new()))?;
+    let scout = play(&Variant::localized().config(&drive, &request.out)?, None, Vec::new())?;
     let moments = moments(&scout);
     let stamps: Vec<u64> = moments.iter().map(|moment| moment.stamp_ns).collect();
     let variants = variant::all(scout.fixes_ns.len(), way_m(&scout.true_path));
@@ -70,10 +70,11 @@ pub(super) fn run(request: &Request) -> Result<()> {
     super::print(&if request.json { json } else { report.to_string() })
 }
 
-/// The drive, mapped as `config` says.
-fn play(config: &Config, mut observer: Observer) -> Result<Seen> {
+/// The drive, mapped as `config` says, and looked at in its `moments`.
+fn play(config: &Config, publisher: Option<PublisherService>, moments: Vec<u64>) -> Result<Seen> {
+    let mut observer = Observer::new(config.mapper.resolution_m, publisher, moments);
     in_process::run(config, &mut observer)?;
-    observer.into_seen(config.mapper.resolution_m)
+    observer.into_seen()
 }
 
 /// Maps the drive in one way, and saves the map.
@@ -82,8 +83,7 @@ fn map(variant: &Variant, drive: &Drive, out: &Path, moments: Vec<u64>) -> Resul
     let config = variant.config(drive, &folder)?;
     let provenance = super::provenance(&config, None)?;
     let publisher = PublisherService::new(config.publisher.clone(), folder, provenance)?;
-    play(&config, Observer::new(Some(publisher), moments))
-        .with_context(|| format!("mapping in the way {:?}", variant.name))
+    play(&config, Some(publisher), moments).with_context(|| format!("mapping in the way {:?}", variant.name))
 }
 
 /// All maps against one truth, as `echogrid score` judges each.

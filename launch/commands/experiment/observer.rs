@@ -39,8 +39,8 @@ pub(super) struct Observer {
     publisher: Option<PublisherService>,
     /// Moments that are to come, the next one last; each as it was when nothing later had been seen.
     to_come: Vec<u64>,
-    moments: Vec<(Option<Grid>, Option<Pose2>, Option<Pose2>, f64)>,
-    grid: Option<Grid>,
+    moments: Vec<Snapshot>,
+    grid: Grid,
     robot: Option<Pose2>,
     true_robot: Option<Pose2>,
     trust: f64,
@@ -51,14 +51,14 @@ pub(super) struct Observer {
 }
 
 impl Observer {
-    /// Looks at the `moments`, which must be in order.
-    pub(super) fn new(publisher: Option<PublisherService>, mut moments: Vec<u64>) -> Self {
+    /// Looks at the `moments`, which must be in order, of a map with cells of `resolution_m`.
+    pub(super) fn new(resolution_m: f64, publisher: Option<PublisherService>, mut moments: Vec<u64>) -> Self {
         moments.reverse();
         Self {
             publisher,
             to_come: moments,
             moments: Vec::new(),
-            grid: None,
+            grid: Grid::new(resolution_m),
             robot: None,
             true_robot: None,
             trust: 1.0,
@@ -69,18 +69,12 @@ impl Observer {
         }
     }
 
-    /// What it saw; an unknown map has cells of `resolution_m`.
-    pub(super) fn into_seen(self, resolution_m: f64) -> Result<Seen> {
+    /// What it saw.
+    pub(super) fn into_seen(self) -> Result<Seen> {
         let (first_ns, last_ns) = self.span_ns.context("the drive has no pose")?;
-        let panel = |grid: Option<Grid>, robot, true_robot| Panel {
-            grid: grid.unwrap_or_else(|| Grid::new(resolution_m)),
-            robot,
-            true_robot,
-        };
-        let snapshot = |(grid, robot, true_robot, trust)| Snapshot { panel: panel(grid, robot, true_robot), trust };
         Ok(Seen {
-            moments: self.moments.into_iter().map(snapshot).collect(),
-            grid: self.grid.unwrap_or_else(|| Grid::new(resolution_m)),
+            grid: self.grid,
+            moments: self.moments,
             true_path: self.true_path,
             fixes_ns: self.fixes_ns,
             readings_used: self.readings_used,
@@ -90,7 +84,8 @@ impl Observer {
     }
 
     fn look(&mut self) {
-        self.moments.push((self.grid.clone(), self.robot, self.true_robot, self.trust));
+        let panel = Panel { grid: self.grid.clone(), robot: self.robot, true_robot: self.true_robot };
+        self.moments.push(Snapshot { panel, trust: self.trust });
     }
 
     fn see(&mut self, stamp_ns: u64, message: &Message) {
@@ -98,9 +93,8 @@ impl Observer {
             self.look();
         }
         match message {
-            Message::Tile(TileUpdate { index, revision, resolution_m, log_odds }) => {
-                let grid = self.grid.get_or_insert_with(|| Grid::new(*resolution_m));
-                *grid.tile_mut(*index) = Tile { revision: *revision, log_odds: log_odds.clone() };
+            Message::Tile(TileUpdate { index, revision, log_odds, .. }) => {
+                *self.grid.tile_mut(*index) = Tile { revision: *revision, log_odds: log_odds.clone() };
             }
             Message::Estimate(estimate) => {
                 (self.robot, self.trust) = (Some(estimate.estimate.pose), estimate.trust);
