@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::config::{Interval, LoadRequest};
 
@@ -149,6 +149,23 @@ pub enum Command {
         #[arg(long, value_name = "FILE.png")]
         picture: Option<PathBuf>,
     },
+    /// Repeats an experiment: one simulated drive, mapped in several ways; pictures, scores and a table.
+    Experiment {
+        /// Which one.
+        name: Experiment,
+        /// Where its files are saved; docs/experiment.md tells what they are.
+        #[arg(long, value_name = "DIR", default_value = "experiment")]
+        out: PathBuf,
+        /// The world: office, room, or a file [default: columbia.map of MobileSim where $ECHOGRID_DATA has it, else office].
+        #[arg(long, value_name = "NAME|FILE")]
+        world: Option<PathBuf>,
+        /// Seed of all that the drive draws.
+        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
+        seed: u64,
+        /// Prints the figures as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
         /// replay, simulator, odometry, localizer, mapper or publisher.
@@ -157,6 +174,13 @@ pub enum Command {
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
     },
+}
+
+/// The experiments.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Experiment {
+    /// The paper's: odometry error ignored, carried into the map, rectified and corrected; side sonars and all.
+    Paper,
 }
 
 /// What can be set for a run.

@@ -2,6 +2,7 @@
 
 mod check;
 mod demo;
+mod experiment;
 mod graph;
 mod score;
 mod service;
@@ -15,7 +16,7 @@ use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_service::in_words;
 
-use crate::cli::{Cli, Command, View};
+use crate::cli::{Cli, Command, Experiment, View};
 use crate::config::LoadRequest;
 
 pub use graph::provenance;
@@ -51,6 +52,9 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Convert { input, output }) => convert(&input, &output),
         Some(Command::Score { map, world, path, points, json, picture }) => {
             score::run(&score::Request { map, world, path, points, json, picture })
+        }
+        Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
+            experiment::run(&experiment::Request { out, world, seed, json })
         }
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),

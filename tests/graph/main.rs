@@ -5,6 +5,7 @@
 mod bad_input;
 mod demo;
 mod drive;
+mod experiment;
 mod failure;
 mod localization;
 mod maps;

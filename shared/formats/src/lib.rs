@@ -28,4 +28,4 @@ pub mod world;
 
 pub(crate) use bounded::read_at_most;
 pub use text::{TextError, TextFileError};
-pub use whole_file::WriteError;
+pub use whole_file::{WriteError, write_whole};

@@ -70,7 +70,10 @@ impl Write for WholeFile {
 }
 
 /// Writes bytes to a file, whole or not at all.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
+///
+/// # Errors
+/// When it can't be written; what stood there stands there still.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     let mut file = WholeFile::create(path)?;
     file.write_all(bytes).map_err(|source| file.failed(source))?;
     file.commit()

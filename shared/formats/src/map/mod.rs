@@ -20,6 +20,7 @@ pub mod native;
 pub mod npy;
 mod occupancy;
 pub mod picture;
+pub mod sheet;
 
 pub use document::{MapDocument, PathPoint, Provenance};
 pub use error::MapError;

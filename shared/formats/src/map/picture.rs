@@ -242,7 +242,7 @@ impl Canvas {
 }
 
 /// Level of a probability: 255 is certainly free.
-fn grey(p: f32) -> u8 {
+pub(super) fn grey(p: f32) -> u8 {
     ((1.0 - p) * 255.0).round() as u8
 }
 
