@@ -247,7 +247,12 @@ static MAPPER: Section = Section {
     about: "the grid and the sensor model (eqs 13 to 23)",
     keys: &[
         key("resolution_m", "a number of metres", "metres, side of a cell"),
-        words("fusion", &["paper"], "one of paper", "paper: eqs 21 to 23, log-odds added"),
+        words(
+            "fusion",
+            &["paper", "covariance"],
+            "one of paper, covariance",
+            "paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance",
+        ),
         key("log_odds_max", "a number", "log-odds are kept within plus and minus this"),
         key("log_odds_prior", "a number", "l0, log-odds of a cell before any reading"),
         key("p_occupied", "a probability", "probability at the peak of region II without odometry error"),

@@ -135,6 +135,9 @@ impl OdometryConfig {
 pub enum Fusion {
     /// The paper's model: eqs 21–23, log-odds added.
     Paper,
+    /// The same with deviations by direction, from the covariance of the pose: who lost the way along a corridor still knows
+    /// the corridor's walls.
+    Covariance,
 }
 
 /// Which sonars are used.

@@ -9,6 +9,7 @@ pub mod angle;
 pub mod calibration;
 pub mod config;
 pub mod grid;
+mod joint;
 pub mod kernel;
 pub mod landmarks;
 pub mod localization;

@@ -1,10 +1,10 @@
 //! Algorithm 1: occupancy grid mapping.
 
-use crate::config::{ConfigError, Limit, MapperConfig, Noise, SonarSelection};
+use crate::config::{ConfigError, Fusion, Limit, MapperConfig, Noise, SonarSelection};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
 use crate::kernel::Kernel;
 use crate::noise::NoiseTerms;
-use crate::odometry::{Estimate, OdometryErrors};
+use crate::odometry::Estimate;
 use crate::reading::{Echo, Reading};
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
 use crate::sensor_model::{Cone, Deviations};
@@ -82,7 +82,7 @@ impl GridMapper {
         let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
         let map_from_transducer = estimate.pose * channel.transducer.base_from_transducer;
         // How far to trust it (eqs 22, 23)
-        let cone = self.cone(&channel, range_m, &estimate.errors, (sequence, reading.transducer))?;
+        let cone = self.cone(&channel, range_m, estimate, (sequence, reading.transducer))?;
         // Every cell of its cone (eq 20)
         self.kernel
             .add(&mut self.grid, &mut self.dirty, map_from_transducer, &cone, sequence)
@@ -97,19 +97,23 @@ impl GridMapper {
         &self,
         channel: &Channel,
         range_m: f64,
-        errors: &OdometryErrors,
+        estimate: &Estimate,
         (sequence, transducer): (u64, u16),
     ) -> Result<Cone, Verdict> {
         let sensor = &channel.transducer;
-        let noise = NoiseTerms::of(self.noise, errors, self.seed, sequence, transducer);
-        let deviations = Deviations::of(
-            range_m,
-            sensor.aperture_rad,
-            sensor.range_error_ratio,
-            self.config.resolution_m,
-            errors,
-            noise,
-        );
+        let (aperture_rad, ratio, resolution_m) =
+            (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
+        let deviations = match self.config.fusion {
+            Fusion::Paper => {
+                let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
+                Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
+            }
+            Fusion::Covariance => {
+                let covariance = estimate.covariance_of(sensor.base_from_transducer);
+                let bearing_rad = estimate.pose.theta + sensor.base_from_transducer.theta;
+                Deviations::of_covariance(range_m, bearing_rad, aperture_rad, ratio, resolution_m, &covariance)
+            }
+        };
         // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
         if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
             return Err(Verdict::Untrusted);
@@ -201,6 +205,7 @@ mod tests {
     use super::*;
     use crate::config::LimitWord;
     use crate::grid::CellIndex;
+    use crate::odometry::OdometryErrors;
     use crate::pose::Pose2;
 
     fn sensor(kind: SensorKind, first_transducer: u16, transducers: u16, mount: Pose2) -> Sensor {
@@ -403,5 +408,24 @@ mod tests {
         };
         assert!(map(1).is_some());
         assert_eq!(map(1), map(2));
+    }
+
+    #[test]
+    fn who_lost_the_way_along_a_corridor_still_knows_its_walls() {
+        // A metre of doubt along x, none across it.
+        let mut estimate = Estimate::certain(Pose2::IDENTITY);
+        estimate.covariance[(0, 0)] = 1.0;
+        let config = MapperConfig { fusion: Fusion::Covariance, ..MapperConfig::default() };
+        let mapper = GridMapper::new(&config, Noise::Sampled, 1, robot()).unwrap();
+        let trust = |heading_rad: f64| {
+            let turned = Estimate { pose: Pose2::new(0.0, 0.0, heading_rad), ..estimate };
+            let channel = mapper.channel(0).unwrap();
+            let ahead = channel.transducer.base_from_transducer.theta;
+            let turned = Estimate { pose: Pose2::new(0.0, 0.0, turned.pose.theta - ahead), ..turned };
+            mapper.cone(&channel, 2.0, &turned, (1, 0)).unwrap().deviations
+        };
+        let (along, across) = (trust(0.0), trust(core::f64::consts::FRAC_PI_2));
+        assert!((along.sigma_z_m - libm::hypot(1.0, 0.025)).abs() < 1e-9, "{along:?}");
+        assert!((across.sigma_z_m - 0.025).abs() < 1e-9, "{across:?}");
     }
 }

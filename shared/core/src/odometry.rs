@@ -4,10 +4,11 @@
 //! [`Increment`]; the [`Odometry`] adds the increments up into an [`Estimate`] of where the robot is
 //! in the map and how much doubt has gathered since it last knew.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::Matrix3;
 
 use crate::angle::wrap_angle;
 use crate::config::{OdometryConfig, Systematic};
+use crate::joint::Joint;
 use crate::localization::{Fix, FixError};
 use crate::pose::Pose2;
 
@@ -115,28 +116,6 @@ impl ErrorModel {
             Systematic::Carry | Systematic::Off => measured,
         }
     }
-
-    /// Covariance of (x, y, θ) after `increment` from `pose`: C ← J C Jᵀ + B diag(ε_lin, ε_ang) Bᵀ, with J and B the
-    /// Jacobians of the mid-point rule. Rows and columns x, y, θ; m², m rad, rad².
-    ///
-    /// A sideways step, which no differential drive makes, adds κ_ll per metre across the heading.
-    #[must_use]
-    pub fn propagate(&self, covariance: &Matrix3<f64>, pose: Pose2, increment: Increment) -> Matrix3<f64> {
-        let Increment { forward_m: f, lateral_m: l, turn_rad } = increment;
-        let (s, c) = libm::sincos(pose.theta + 0.5 * turn_rad);
-        let (dx, dy) = (f * c - l * s, f * s + l * c);
-        let turn = turn_rad.abs();
-        let noise = Vector3::new(
-            self.config.k_ll * f.abs() + self.config.k_lt * turn,
-            self.config.k_ll * l.abs(),
-            self.config.k_tt * turn + self.config.k_tl * increment.length_m(),
-        );
-        let j = Matrix3::new(1.0, 0.0, -dy, 0.0, 1.0, dx, 0.0, 0.0, 1.0);
-        let b = SMatrix::<f64, 3, 3>::new(c, -s, -0.5 * dy, s, c, 0.5 * dx, 0.0, 0.0, 1.0);
-        let moved = j * covariance * j.transpose() + b * Matrix3::from_diagonal(&noise) * b.transpose();
-        // Rounding must not make it lopsided over a long run.
-        (moved + moved.transpose()) * 0.5
-    }
 }
 
 /// Where the robot is believed to be, and how far to believe it.
@@ -144,7 +123,8 @@ impl ErrorModel {
 pub struct Estimate {
     /// `map_from_base`.
     pub pose: Pose2,
-    /// Covariance of (x, y, θ) in the map frame since the last absolute fix; m², m rad, rad².
+    /// Covariance of (x, y, θ) in the map frame since the last absolute fix; m², m rad, rad². A systematic error that is
+    /// carried is in it, as two unknown scales that are the same all the way.
     pub covariance: Matrix3<f64>,
     /// Λ: way travelled since the last absolute fix, metres.
     pub travel_m: f64,
@@ -168,6 +148,16 @@ impl Estimate {
             errors: OdometryErrors::default(),
             fixes: 0,
         }
+    }
+
+    /// Covariance of (x, y, θ) of what sits at `base_from_part` on the robot, in the map frame: where the heading is in
+    /// doubt, so is the place of what is off the base.
+    #[must_use]
+    pub fn covariance_of(&self, base_from_part: Pose2) -> Matrix3<f64> {
+        let (s, c) = libm::sincos(self.pose.theta);
+        let (x, y) = (c * base_from_part.x - s * base_from_part.y, s * base_from_part.x + c * base_from_part.y);
+        let moved = Matrix3::new(1.0, 0.0, -y, 0.0, 1.0, x, 0.0, 0.0, 1.0);
+        moved * self.covariance * moved.transpose()
     }
 
     /// Between `self` (`fraction` 0) and `later` (`fraction` 1): the pose by [`Pose2::interpolate`], all else linear;
@@ -200,6 +190,8 @@ impl Estimate {
 pub struct Odometry {
     model: ErrorModel,
     last: Option<(Pose2, Estimate)>,
+    /// The covariance of the last estimate, and of the scales.
+    joint: Joint,
     /// What the last fix left open: variances that no way adds to, m² and rad².
     left_open: (f64, f64),
 }
@@ -208,7 +200,7 @@ impl Odometry {
     /// Before the first pose.
     #[must_use]
     pub fn new(config: &OdometryConfig) -> Self {
-        Self { model: ErrorModel::new(config), last: None, left_open: (0.0, 0.0) }
+        Self { model: ErrorModel::new(config), last: None, joint: Joint::certain(config), left_open: (0.0, 0.0) }
     }
 
     /// The estimate at the next pose that the drive reports. The first pose is taken as it stands as the map pose.
@@ -246,17 +238,8 @@ impl Odometry {
             });
         };
         let mut after = Estimate { fixes: before.fixes.saturating_add(1), ..before };
-        let known = [fix.position_known, fix.position_known, fix.heading_known];
-        for (row, row_known) in known.into_iter().enumerate() {
-            for (column, column_known) in known.into_iter().enumerate() {
-                after.covariance[(row, column)] = match (row_known, column_known) {
-                    (true, true) => fix.covariance[(row, column)],
-                    (false, false) => before.covariance[(row, column)],
-                    // The fix knows nothing of how the rest was off.
-                    _ => 0.0,
-                };
-            }
-        }
+        self.joint = self.joint.fixed(fix);
+        after.covariance = self.joint.pose();
         if fix.position_known {
             (after.pose.x, after.pose.y, after.travel_m) = (fix.pose.x, fix.pose.y, 0.0);
             self.left_open.0 = 0.5 * (fix.covariance[(0, 0)] + fix.covariance[(1, 1)]);
@@ -281,13 +264,14 @@ impl Odometry {
         }
     }
 
-    fn moved(&self, before: &Estimate, measured: Increment) -> Estimate {
+    fn moved(&mut self, before: &Estimate, measured: Increment) -> Estimate {
         let step = self.model.believed(measured);
+        self.joint = self.joint.moved(&self.model.config, before.pose, step);
         let travel_m = before.travel_m + step.length_m();
         let turn_rad = before.turn_rad + step.turn_rad.abs();
         Estimate {
             pose: move_by(before.pose, step),
-            covariance: self.model.propagate(&before.covariance, before.pose, step),
+            covariance: self.joint.pose(),
             travel_m,
             turn_rad,
             errors: self.errors(travel_m, turn_rad),
@@ -300,6 +284,7 @@ impl Odometry {
 mod tests {
     use core::f64::consts::{FRAC_PI_2, PI};
 
+    use nalgebra::Vector3;
     use proptest::prelude::*;
 
     use super::*;

@@ -1,6 +1,8 @@
 //! The inverse sensor model (eqs 21–23, Figs 4–6): what one reading says about one cell. The reference, in double
 //! precision, one cell at a time; [`crate::kernel`] is the fast way to the same numbers.
 
+use nalgebra::Matrix3;
+
 use crate::noise::NoiseTerms;
 use crate::odometry::OdometryErrors;
 
@@ -37,6 +39,36 @@ impl Deviations {
         // With it: a lucky draw must not make the reading better than the sensor.
         let sigma_z_m = at_least(sigma_z0_m, sensor_z_m + errors.e_lin_m + noise.lin_m);
         let sigma_theta_rad = at_least(sigma_theta0_rad, sigma_theta0_rad + errors.e_ang_rad + noise.ang_rad);
+        let trust = (sigma_z0_m * sigma_theta0_rad) / (sigma_z_m * sigma_theta_rad);
+        Self { sigma_z_m, sigma_theta_rad, trust }
+    }
+
+    /// The same from the covariance of the transducer's pose (x, y, θ; m², m rad, rad²) instead of eqs 22, 23, for a reading
+    /// along `bearing_rad` in the map: u along the beam, v across it,
+    /// σ_z² = σ_z0² + uᵀ C_xy u, σ_θ² = σ_θ0² + C_θθ + vᵀ C_xy v / z² + 2 vᵀ C_xyθ / z.
+    #[must_use]
+    pub fn of_covariance(
+        range_m: f64,
+        bearing_rad: f64,
+        aperture_rad: f64,
+        range_error_ratio: f64,
+        resolution_m: f64,
+        covariance: &Matrix3<f64>,
+    ) -> Self {
+        let sigma_z0_m = (range_m * range_error_ratio).max(0.5 * resolution_m);
+        let sigma_theta0_rad = 0.5 * aperture_rad;
+        let (sin, cos) = libm::sincos(bearing_rad);
+        let c = covariance;
+        let along_m2 = cos * cos * c[(0, 0)] + 2.0 * sin * cos * c[(0, 1)] + sin * sin * c[(1, 1)];
+        let across_m2 = sin * sin * c[(0, 0)] - 2.0 * sin * cos * c[(0, 1)] + cos * cos * c[(1, 1)];
+        let across_heading = cos * c[(1, 2)] - sin * c[(0, 2)];
+        let square_z = sigma_z0_m * sigma_z0_m + along_m2;
+        let square_theta = sigma_theta0_rad * sigma_theta0_rad
+            + c[(2, 2)]
+            + across_m2 / (range_m * range_m)
+            + 2.0 * across_heading / range_m;
+        let sigma_z_m = at_least(sigma_z0_m, square_z.sqrt());
+        let sigma_theta_rad = at_least(sigma_theta0_rad, square_theta.max(0.0).sqrt());
         let trust = (sigma_z0_m * sigma_theta0_rad) / (sigma_z_m * sigma_theta_rad);
         Self { sigma_z_m, sigma_theta_rad, trust }
     }

@@ -13,7 +13,7 @@ use echogrid_core::log_odds::{log_odds_of, probability_of};
 use echogrid_core::noise::NoiseTerms;
 use echogrid_core::odometry::{ErrorModel, Increment, Odometry, OdometryErrors, move_by};
 use echogrid_core::sensor_model::{BAND, Cone, Deviations, Region};
-use echogrid_core::{OdometryConfig, Pose2, wrap_angle};
+use echogrid_core::{Matrix3, OdometryConfig, Pose2, wrap_angle};
 
 const RELATIVE: f64 = 1e-9;
 const ABSOLUTE: f64 = 1e-12;
@@ -95,6 +95,31 @@ fn error_model() {
                 ErrorModel::new(&OdometryConfig { systematic, ..config.clone() }).errors(travel_m, turn_rad);
             assert_eq!(not_carried, OdometryErrors { e_lin_m: 0.0, e_ang_rad: 0.0, ..errors });
         }
+    }
+}
+
+#[test]
+fn beam_sigmas() {
+    let Some(table) = Table::load("beam_sigmas.csv") else { return };
+    for row in table.rows() {
+        let c = |column: &str| row.get(column);
+        let covariance = Matrix3::new(
+            c("c_xx"),
+            c("c_xy"),
+            c("c_xt"),
+            c("c_xy"),
+            c("c_yy"),
+            c("c_yt"),
+            c("c_xt"),
+            c("c_yt"),
+            c("c_tt"),
+        );
+        let aperture_rad = core::f64::consts::FRAC_PI_6;
+        let found =
+            Deviations::of_covariance(c("z_m"), c("bearing_rad"), aperture_rad, 0.01, c("resolution_m"), &covariance);
+        row.check("sigma_z_m", found.sigma_z_m);
+        row.check("sigma_theta_rad", found.sigma_theta_rad);
+        row.check("trust", found.trust);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Odometry drifts for the reasons that it is given, by as much as the closed forms say.
 
-use echogrid_core::odometry::ErrorModel;
-use echogrid_core::{Calibration, Increment, Matrix3, OdometryConfig, Pose2, Trial, move_by, wrap_angle};
+use echogrid_core::config::Systematic;
+use echogrid_core::{Calibration, Increment, Matrix3, Odometry, OdometryConfig, Pose2, Trial, move_by, wrap_angle};
 use echogrid_service::Sensor as _;
 use echogrid_simulator::{Drive, Motion, Simulator, SimulatorConfig};
 use echogrid_topics::Message;
@@ -104,8 +104,10 @@ fn final_errors(calibration: &Calibration) -> Vec<[f64; 3]> {
 #[test]
 fn the_fitted_model_predicts_another_drive() {
     let calibration = fit();
-    let model = ErrorModel::new(&calibration.applied_to(&OdometryConfig::default()));
-    let (mut pose, mut covariance) = (Pose2::IDENTITY, Matrix3::zeros());
+    let random = OdometryConfig { systematic: Systematic::Off, ..calibration.applied_to(&OdometryConfig::default()) };
+    let mut odometry = Odometry::new(&random);
+    let mut pose = Pose2::IDENTITY;
+    let mut covariance = odometry.step(pose).covariance;
     for motion in MIXED {
         // In small steps, as the odometry goes.
         for _ in 0..100 {
@@ -114,8 +116,8 @@ fn the_fitted_model_predicts_another_drive() {
                 Motion::Turn { radians } => Increment { turn_rad: radians / 100.0, ..Increment::default() },
                 Motion::Wait { .. } => Increment::default(),
             };
-            covariance = model.propagate(&covariance, pose, step);
             pose = move_by(pose, step);
+            covariance = odometry.step(pose).covariance;
         }
     }
     let errors = final_errors(&calibration);
