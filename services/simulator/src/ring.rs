@@ -97,6 +97,17 @@ impl Ring {
         self.slots.iter().flatten().map(|firing| firing.sonar.range_max_m()).fold(0.0, f64::max)
     }
 
+    /// From no farther anything is heard, from the middle of the robot, metres.
+    pub(crate) fn reach_m(&self) -> f64 {
+        let late_m = self.late_m();
+        self.slots.iter().flatten().map(|firing| firing.sonar.reach_m(late_m)).fold(0.0, f64::max)
+    }
+
+    /// The slot before fired so far away, metres of range.
+    fn late_m(&self) -> f64 {
+        0.5 * self.period_ns as f64 * 1e-9 * SPEED_OF_SOUND
+    }
+
     /// When each sonar of the robot fires, nanoseconds after the stamp of its scan.
     pub(crate) fn offsets_ns(&self, robot: &Robot) -> Vec<i32> {
         let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
@@ -122,7 +133,7 @@ impl Ring {
         let offset_ns = self.offset_ns(self.next);
         let slot = &self.slots[self.next];
         let earlier = &self.slots[(self.next + self.slots.len() - 1) % self.slots.len()];
-        let late_m = 0.5 * self.period_ns as f64 * 1e-9 * SPEED_OF_SOUND;
+        let late_m = self.late_m();
         let places: Vec<Place> = slot.iter().map(|firing| firing.sonar.place(map_from_base)).collect();
         for (index, firing) in slot.iter().enumerate() {
             let together = firing.together.iter().map(|other| (&slot[*other].sonar, places[*other], 0.0));

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use anyhow::{Context, Result, bail, ensure};
-use echogrid_core::{Footprint, Pose2, Robot, World};
+use echogrid_core::{Footprint, Pose2, Robot, Vicinity, World};
 use echogrid_service::{Plan, Sensor};
 use echogrid_topics::{Command as Order, Message, RawOdometry, Topic, TruePose, TrueWorld};
 
@@ -24,6 +24,8 @@ use crate::{OUTPUTS, nanoseconds, world_of};
 const FASTEST: f64 = 10.0;
 /// Of a robot whose footprint is not known, metres.
 const UNKNOWN_RADIUS_M: f64 = 0.25;
+/// What is near the robot is looked up anew when it has gone so far, metres.
+const VICINITY_M: f64 = 0.5;
 
 /// What decides where the robot goes.
 #[derive(Debug)]
@@ -39,6 +41,9 @@ pub struct Simulator {
     world: World,
     world_name: String,
     corners: Corners,
+    vicinity: Vicinity,
+    /// What the sonars may hear is within so far of the robot, metres.
+    reach_m: f64,
     people: People,
     drive: Drive,
     pilot: Pilot,
@@ -169,7 +174,10 @@ impl Simulator {
         if ring.is_none() && lidar.is_none() {
             return Err(SimulatorError::NoSensor { robot: robot.name });
         }
+        let reach_m = ring.as_ref().map_or(0.0, Ring::reach_m);
         Ok(Self {
+            vicinity: Vicinity::of(&world, [start.x, start.y], reach_m + VICINITY_M),
+            reach_m,
             corners: Corners::of(&world, ring.as_ref().map_or(1.0, |ring| ring.range_max_m() + robot_radius_m)),
             people: People::new(&world.parts().people, config.seed),
             drive: Drive::new(config, start),
@@ -288,7 +296,10 @@ impl Simulator {
         }
         let map_from_base = self.drive.true_pose();
         let corners = if fires { self.corners.near(position(map_from_base)) } else { &[] };
-        let scene = Scene { world: &self.world, corners, people: self.people.discs() };
+        if fires && !self.vicinity.covers(position(map_from_base), self.reach_m) {
+            self.vicinity = Vicinity::of(&self.world, position(map_from_base), self.reach_m + VICINITY_M);
+        }
+        let scene = Scene { world: &self.world, vicinity: &self.vicinity, corners, people: self.people.discs() };
         let ring = self.ring.as_mut().filter(|_| fires).and_then(|ring| ring.fire(&scene, map_from_base));
         let lidar = self.lidar.as_mut().filter(|_| scans).map(|lidar| lidar.scan(&scene, map_from_base));
         for (readings, heard) in [(ring, LastHeard::Ring), (lidar, LastHeard::Lidar)] {

@@ -20,7 +20,7 @@
 //! distance costs, up to the range to which the sonar listens. Beyond, h grows by 3 dB per metre besides.)
 
 use echogrid_core::noise::Draws;
-use echogrid_core::{Echo, Meeting, Pose2, Reading, Transducer, World};
+use echogrid_core::{Cone, Echo, Fan, Meeting, Pose2, Reading, Transducer, Vicinity, World};
 
 use crate::cause::{Cause, Heard};
 use crate::config::SimulatorConfig;
@@ -62,6 +62,8 @@ impl Acoustics {
 #[derive(Clone, Copy)]
 pub(crate) struct Scene<'a> {
     pub(crate) world: &'a World,
+    /// What of the world is near the robot.
+    pub(crate) vicinity: &'a Vicinity,
     pub(crate) corners: &'a [Corner],
     pub(crate) people: &'a [Disc],
 }
@@ -75,6 +77,7 @@ pub(crate) struct Sonar {
     /// first, then outwards: an early echo spares the rest.
     rays: Vec<Ray>,
     cos_half: f64,
+    cone: Cone,
     /// 1/(2 σ²), 1/rad².
     falloff: f64,
     /// What another sonar's wall may be away and still be heard, metres.
@@ -158,6 +161,7 @@ impl Sonar {
             transducer,
             rays: angles.into_iter().map(ray).collect(),
             cos_half: libm::cos(half_rad),
+            cone: Cone::new(half_rad),
             falloff,
             audible_m,
         }
@@ -170,6 +174,23 @@ impl Sonar {
     /// How far a wall may be and still be heard by others.
     pub(crate) fn audible_m(&self) -> f64 {
         self.audible_m
+    }
+
+    /// From no farther it hears anything, be it of another sonar whose sound set out `late_m` earlier: from the middle of
+    /// the robot, metres.
+    pub(crate) fn reach_m(&self, late_m: f64) -> f64 {
+        let Pose2 { x, y, .. } = self.transducer.base_from_transducer;
+        libm::hypot(x, y) + self.range_max_m().max(self.farthest_m(self.range_max_m(), late_m))
+    }
+
+    /// So far another's rays are followed, for an echo that seems to be nearer than `limit_m`.
+    fn farthest_m(&self, limit_m: f64, late_m: f64) -> f64 {
+        // The sonars are a hand apart: no more.
+        (limit_m + late_m + 1.0).min(self.audible_m)
+    }
+
+    fn fan<'a>(&self, scene: &Scene<'a>, place: Place, max_m: f64) -> Fan<'a> {
+        Fan::new(scene.world, scene.vicinity, place.at, place.axis, &self.cone, max_m)
     }
 
     /// Whether the cones of two sonars have a direction in common.
@@ -240,9 +261,10 @@ impl Sonar {
         let mut limit_m = range_max_m;
         let mut mirrored: Vec<Mirrored> = Vec::new();
         let mut ahead = None;
+        let fan = self.fan(scene, place, range_max_m);
         for (index, ray) in self.rays.iter().enumerate() {
             let direction = rotated(place.axis, ray.cos, ray.sin);
-            let meeting = scene.world.meet(place.at, direction, limit_m);
+            let meeting = fan.meet(direction, limit_m);
             if index == 0 {
                 ahead = meeting;
             }
@@ -264,7 +286,7 @@ impl Sonar {
                 limit_m = meeting.distance_m;
             }
         }
-        if let Some(found) = self.corner(scene, place, limit_m) {
+        if let Some(found) = self.corner(scene, &fan, place, limit_m) {
             limit_m = found.range_m;
             best = Some(found);
         }
@@ -280,7 +302,7 @@ impl Sonar {
     }
 
     /// The nearest corner that it hears, nearer than `limit_m`.
-    fn corner(&self, scene: &Scene<'_>, place: Place, limit_m: f64) -> Option<Found> {
+    fn corner(&self, scene: &Scene<'_>, fan: &Fan<'_>, place: Place, limit_m: f64) -> Option<Found> {
         let mut best: Option<Found> = None;
         for corner in scene.corners {
             let there = [corner.at[0] - place.at[0], corner.at[1] - place.at[1]];
@@ -298,8 +320,7 @@ impl Sonar {
                 continue;
             }
             let before_m = range_m - BEFORE_CORNER_M;
-            if nearest_person_m(scene.people, place.at, direction) > before_m
-                && scene.world.meet(place.at, direction, before_m).is_none()
+            if nearest_person_m(scene.people, place.at, direction) > before_m && fan.meet(direction, before_m).is_none()
             {
                 let cause = if corner.is_edge { Cause::Edge } else { Cause::Corner };
                 best = Some(Found { range_m, cause });
@@ -351,14 +372,14 @@ impl Sonar {
     ) -> Option<f64> {
         let mut nearest_m = None;
         let mut limit_m = limit_m;
+        let fan = other.fan(scene, other_place, other.farthest_m(limit_m, late_m));
         for ray in other.rays.iter().step_by(CROSSTALK_STRIDE) {
             let direction = rotated(other_place.axis, ray.cos, ray.sin);
             if dot(direction, place.axis) < self.cos_half {
                 continue;
             }
-            // The sonars are a hand apart: no more.
-            let farthest_m = (limit_m + late_m + 1.0).min(other.audible_m);
-            let Some(meeting) = scene.world.meet(other_place.at, direction, farthest_m) else { continue };
+            let farthest_m = other.farthest_m(limit_m, late_m);
+            let Some(meeting) = fan.meet(direction, farthest_m) else { continue };
             if nearest_person_m(scene.people, other_place.at, direction) < meeting.distance_m {
                 continue;
             }

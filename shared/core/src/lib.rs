@@ -44,4 +44,4 @@ pub use robot::{Footprint, Robot, Sensor, SensorKind, Transducer};
 pub use sensor_model::nominal_trust;
 pub use summary::{GridSummary, RunningSummary};
 pub use verdict::{Verdict, VerdictCounts};
-pub use world::{Meeting, Person, RayHit, Segment, World, WorldParts};
+pub use world::{Cone, Fan, Meeting, Person, RayHit, Segment, Vicinity, World, WorldParts};

@@ -4,12 +4,14 @@
 //! ([`World::sees`]). The answer is that of testing every surface, found by testing the few on the way.
 
 mod buckets;
+mod fan;
 mod person;
 mod solid;
 mod surface;
 
 pub(crate) use buckets::columns_of_rows;
 use buckets::{Buckets, Walk};
+pub use fan::{Cone, Fan, Vicinity};
 pub use person::Person;
 pub use solid::Solid;
 pub use surface::Segment;
@@ -188,7 +190,10 @@ impl World {
     /// As [`World::cast`], for a direction of length 1, with the normal of what is met instead of an angle.
     #[must_use]
     pub fn meet(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<Meeting> {
-        let (distance_m, index) = self.nearest(origin, direction, max_m)?;
+        self.meeting(origin, direction, self.nearest(origin, direction, max_m)?)
+    }
+
+    fn meeting(&self, origin: [f64; 2], direction: [f64; 2], (distance_m, index): (f64, u32)) -> Option<Meeting> {
         let at = [origin[0] + distance_m * direction[0], origin[1] + distance_m * direction[1]];
         let normal = self.surfaces.get(index as usize)?.normal(at, direction);
         Some(Meeting { distance_m, normal })
@@ -208,11 +213,8 @@ impl World {
     /// Every line that comes as near to a point as `reach_m`.
     #[must_use]
     pub fn lines_near(&self, point: [f64; 2], reach_m: f64) -> Vec<Segment> {
-        let near = self.buckets.around(point, reach_m).flat_map(|bucket| self.buckets.surfaces(bucket));
-        let mut near: Vec<u32> = near.copied().collect();
-        near.sort_unstable();
-        near.dedup();
-        let surfaces = near.into_iter().filter_map(|index| self.surfaces.get(index as usize));
+        let surfaces =
+            self.listed_near(point, reach_m).into_iter().filter_map(|index| self.surfaces.get(index as usize));
         surfaces
             .filter(|surface| surface.off_point_m(point) <= reach_m)
             .filter_map(|surface| match surface {
@@ -220,6 +222,15 @@ impl World {
                 Surface::Point { .. } => None,
             })
             .collect()
+    }
+
+    /// Every surface that comes as near to a point as `reach_m`, and some more, in order.
+    fn listed_near(&self, point: [f64; 2], reach_m: f64) -> Vec<u32> {
+        let near = self.buckets.around(point, reach_m).flat_map(|bucket| self.buckets.surfaces(bucket));
+        let mut near: Vec<u32> = near.copied().collect();
+        near.sort_unstable();
+        near.dedup();
+        near
     }
 
     /// The world without its points, if it has walls, and how many were left out: the points of a MobileSim world are

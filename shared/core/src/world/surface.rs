@@ -16,11 +16,18 @@ pub(super) enum Surface {
     Point { centre: [f64; 2], radius_m: f64 },
 }
 
-fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+/// A surface with a place as the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Seen {
+    Wall { from: [f64; 2], to: [f64; 2] },
+    Point { to_centre: [f64; 2], radius_m: f64 },
+}
+
+pub(super) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[0] + a[1] * b[1]
 }
 
-fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(super) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
     a[0] * b[1] - a[1] * b[0]
 }
 
@@ -28,12 +35,12 @@ fn between(from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
     [to[0] - from[0], to[1] - from[1]]
 }
 
-impl Surface {
-    /// How far a ray goes until it meets this; none if it misses. `direction` has length 1.
-    pub(super) fn distance_m(&self, origin: [f64; 2], direction: [f64; 2]) -> Option<f64> {
-        let distance = match self {
-            Self::Wall(Segment { from, to }) => {
-                let (from, to) = (between(origin, *from), between(origin, *to));
+impl Seen {
+    /// How far a ray from the origin goes until it meets this; none if it misses. `direction` has length 1.
+    #[inline]
+    pub(super) fn distance_m(&self, direction: [f64; 2]) -> Option<f64> {
+        let distance = match *self {
+            Self::Wall { from, to } => {
                 // On which side of the ray an end lies depends on that end alone: walls that share it stay tight.
                 let (side_from, side_to) = (cross(direction, from), cross(direction, to));
                 if (side_from > 0.0 && side_to > 0.0) || (side_from < 0.0 && side_to < 0.0) {
@@ -47,8 +54,7 @@ impl Surface {
                     ahead_from + side_from / (side_from - side_to) * (ahead_to - ahead_from)
                 }
             }
-            Self::Point { centre, radius_m } => {
-                let to_centre = between(origin, *centre);
+            Self::Point { to_centre, radius_m } => {
                 let (ahead, aside) = (dot(direction, to_centre), cross(direction, to_centre));
                 let half_chord_m2 = radius_m * radius_m - aside * aside;
                 if half_chord_m2 < 0.0 {
@@ -60,6 +66,44 @@ impl Surface {
             }
         };
         (distance >= 0.0).then_some(distance)
+    }
+
+    /// How far this is from the origin, metres; 0 within a disc.
+    pub(super) fn off_origin_m(&self) -> f64 {
+        match *self {
+            Self::Wall { from, to } => {
+                let along = between(from, to);
+                let part = (-dot(from, along) / dot(along, along)).clamp(0.0, 1.0);
+                let foot = [from[0] + part * along[0], from[1] + part * along[1]];
+                // A wall too short for its square is not a number: it is near.
+                dot(foot, foot).sqrt().max(0.0)
+            }
+            Self::Point { to_centre, radius_m } => (dot(to_centre, to_centre).sqrt() - radius_m).max(0.0),
+        }
+    }
+
+    /// Whether all of it is on the right of a line through the origin (`direction` of length 1) and farther than this.
+    pub(super) fn is_right_of(&self, direction: [f64; 2], farther_m: f64) -> bool {
+        match *self {
+            Self::Wall { from, to } => cross(direction, from) < -farther_m && cross(direction, to) < -farther_m,
+            Self::Point { to_centre, radius_m } => cross(direction, to_centre) < -farther_m - radius_m,
+        }
+    }
+}
+
+impl Surface {
+    /// How far a ray goes until it meets this; none if it misses. `direction` has length 1.
+    pub(super) fn distance_m(&self, origin: [f64; 2], direction: [f64; 2]) -> Option<f64> {
+        self.seen_from(origin).distance_m(direction)
+    }
+
+    pub(super) fn seen_from(&self, origin: [f64; 2]) -> Seen {
+        match self {
+            Self::Wall(Segment { from, to }) => Seen::Wall { from: between(origin, *from), to: between(origin, *to) },
+            Self::Point { centre, radius_m } => {
+                Seen::Point { to_centre: between(origin, *centre), radius_m: *radius_m }
+            }
+        }
     }
 
     /// Of length 1, against `direction`, where a ray meets this.
