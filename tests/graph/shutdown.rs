@@ -31,7 +31,9 @@ fn a_normal_end_leaves_nothing() {
 fn ctrl_c_saves_the_map_so_far_and_leaves_nothing() {
     let drive = Drive::new(f64::INFINITY);
     for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        let graph = running(&drive);
+        let mut graph = running(&drive);
+        // By then there is something in the map: a sensor that has only just become ready has sent nothing yet.
+        graph.wait_for("messages");
         graph.signal(signal);
         let ended = graph.wait();
         assert!(ended.status.success(), "{signal}: {}", ended.stderr);
