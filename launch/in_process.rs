@@ -52,7 +52,7 @@ mod tests {
     fn the_localizer_alone_is_told_the_truth() {
         assert!(echogrid_localizer::INPUTS.contains(&Topic::TruePose));
         for inputs in [echogrid_odometry::INPUTS, echogrid_mapper::INPUTS, echogrid_publisher::INPUTS] {
-            assert!(!inputs.contains(&Topic::TruePose), "{inputs:?}");
+            assert!(!inputs.contains(&Topic::TruePose) && !inputs.contains(&Topic::TrueWorld), "{inputs:?}");
         }
     }
 }

@@ -102,7 +102,7 @@ impl OdometryService {
     fn tell(&mut self, stamp_ns: u64, estimate: Estimate, out: &mut Outbox) -> PoseEstimate {
         self.estimate = Some(estimate);
         let trust = self.sensor.trust(&estimate.errors, self.resolution_m);
-        let degraded = trust < self.config.degraded_trust;
+        let degraded = self.config.is_degraded(trust);
         let hold = degraded && self.config.hold.resolve(self.asking.is_some());
         let told = PoseEstimate { estimate, trust, distance_m: self.distance_m, degraded, hold };
         out.send(stamp_ns, Message::Estimate(told.clone()));

@@ -88,6 +88,13 @@ impl Default for LocalizationConfig {
 }
 
 impl LocalizationConfig {
+    /// Whether `trust` of a nominal reading, in [0, 1], is too low for a reading to decide a cell: "values of each cell do
+    /// not define anymore whether a cell is occupied, empty or mapped yet" (section 4.1).
+    #[must_use]
+    pub fn is_degraded(&self, trust: f64) -> bool {
+        trust < self.degraded_trust
+    }
+
     /// Every value within its range, or the first that is not.
     ///
     /// # Errors
@@ -144,13 +151,6 @@ impl Asking {
         Self { config: config.clone(), since: None, not_before_ns: 0 }
     }
 
-    /// Whether `trust` of a nominal reading, in [0, 1], is too low for a reading to decide a cell: "values of each cell do
-    /// not define anymore whether a cell is occupied, empty or mapped yet" (section 4.1).
-    #[must_use]
-    pub fn is_degraded(&self, trust: f64) -> bool {
-        trust < self.config.degraded_trust
-    }
-
     /// Whether to ask now, and why; `distance_m` is what the robot has travelled since the start.
     pub fn reason(&mut self, stamp_ns: u64, distance_m: f64, degraded: bool) -> Option<Reason> {
         let (since_ns, since_m) = *self.since.get_or_insert((stamp_ns, distance_m));
@@ -178,6 +178,9 @@ impl Asking {
         self.not_before_ns = stamp_ns.saturating_add(nanoseconds(self.config.retry_s).max(1));
     }
 }
+
+/// No robot is farther from the map's origin, metres.
+const POSITION_MAX_M: f64 = 1e6;
 
 /// Of 0 seconds or more; too many are the most there are.
 fn nanoseconds(seconds: f64) -> u64 {
@@ -232,6 +235,10 @@ impl Fix {
         let refuse = |field, value: &dyn Display, expected| Err(FixError { field, value: value.to_string(), expected });
         if !self.pose.is_finite() {
             return refuse("pose", &format_args!("{:?}", self.pose), "finite numbers");
+        }
+        // Farther off no message can say where the robot is.
+        if let Some(value) = [self.pose.x, self.pose.y].iter().find(|value| value.abs() > POSITION_MAX_M) {
+            return refuse("position", value, "metres, within ±1e6");
         }
         if !self.position_known && !self.heading_known {
             return refuse("known", &"nothing", "a position, a heading, or both");
@@ -290,7 +297,8 @@ mod tests {
     #[test]
     fn when_degraded() {
         let mut asking = asking(Ask::Degraded, 0.0, 0.0);
-        assert!(asking.is_degraded(0.42) && !asking.is_degraded(0.43));
+        let config = LocalizationConfig::default();
+        assert!(config.is_degraded(0.42) && !config.is_degraded(0.43));
         assert_eq!(asking.reason(0, 0.0, false), None);
         assert_eq!(asking.reason(1, 0.0, true), Some(Reason::Degraded));
         // In vain: not again before a second has passed.
@@ -323,6 +331,7 @@ mod tests {
         assert_eq!(field(|_| {}), None);
         assert_eq!(field(|fix| fix.covariance = Matrix3::zeros()), None);
         assert_eq!(field(|fix| fix.pose.theta = f64::NAN), Some("pose"));
+        assert_eq!(field(|fix| fix.pose.y = -2e6), Some("position"));
         assert_eq!(field(|fix| (fix.position_known, fix.heading_known) = (false, false)), Some("known"));
         assert_eq!(field(|fix| fix.covariance[(0, 0)] = -1.0), Some("covariance"));
         assert_eq!(field(|fix| fix.covariance[(0, 1)] = 0.001), Some("covariance"));
