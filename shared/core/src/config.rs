@@ -138,6 +138,18 @@ pub enum Fusion {
     /// The same with deviations by direction, from the covariance of the pose: who lost the way along a corridor still knows
     /// the corridor's walls.
     Covariance,
+    /// The exact Bayes update of a cone given the map so far ([`crate::first_echo`]), with deviations by direction.
+    FirstEcho,
+}
+
+/// What a reading without an echo says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoEcho {
+    /// Nothing: a wall that mirrors returns no echo either.
+    Ignore,
+    /// That the cone is rather empty, as far as an echo is not lost (`echo_lost`).
+    Clear,
 }
 
 /// Which sonars are used.
@@ -200,6 +212,20 @@ pub struct MapperConfig {
     pub min_trust: f64,
     /// Sonars that are used.
     pub sonars: SonarSelection,
+    /// The way after which what a transducer says is all new, metres; 0: everything always is ([`crate::novelty`]).
+    pub novelty_m: f64,
+    /// What a reading without an echo says.
+    pub no_echo: NoEcho,
+    /// p0 of first_echo: how probably a cell is occupied before any reading.
+    pub echo_prior: f64,
+    /// r0 of first_echo: how probably an occupied cell on the axis answers.
+    pub echo_detection: f64,
+    /// Of first_echo: how probably an echo is nobody's (multipath, crosstalk).
+    pub echo_clutter: f64,
+    /// m: how probably an echo is lost.
+    pub echo_lost: f64,
+    /// τ of first_echo: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
+    pub tempering: f64,
 }
 
 impl Default for MapperConfig {
@@ -215,6 +241,13 @@ impl Default for MapperConfig {
             max_range_m: Limit::Word(LimitWord::Auto),
             min_trust: 0.02,
             sonars: SonarSelection::Word(SonarWord::All),
+            novelty_m: 0.05,
+            no_echo: NoEcho::Ignore,
+            echo_prior: 0.01,
+            echo_detection: 0.2,
+            echo_clutter: 0.4,
+            echo_lost: 0.9,
+            tempering: 0.5,
         }
     }
 }
@@ -267,7 +300,21 @@ impl MapperConfig {
         if let (Limit::Metres(min), Limit::Metres(max)) = (self.min_range_m, self.max_range_m) {
             ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
         }
-        ConfigError::unless(within(self.min_trust, 0.0, 1.0), "min_trust", self.min_trust, "a number from 0 to 1")
+        ConfigError::unless(within(self.min_trust, 0.0, 1.0), "min_trust", self.min_trust, "a number from 0 to 1")?;
+        let probability = |key, value: f64| {
+            ConfigError::unless(within(value, 1e-6, 1.0 - 1e-6), key, value, "a probability above 0 and below 1")
+        };
+        ConfigError::unless(
+            within(self.novelty_m, 0.0, 1000.0),
+            "novelty_m",
+            self.novelty_m,
+            "metres, from 0 (off) to 1000",
+        )?;
+        probability("echo_prior", self.echo_prior)?;
+        probability("echo_detection", self.echo_detection)?;
+        probability("echo_clutter", self.echo_clutter)?;
+        probability("echo_lost", self.echo_lost)?;
+        ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")
     }
 }
 

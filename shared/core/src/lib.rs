@@ -8,6 +8,8 @@
 pub mod angle;
 pub mod calibration;
 pub mod config;
+pub mod first_echo;
+mod fusion;
 pub mod grid;
 mod joint;
 pub mod kernel;
@@ -16,6 +18,7 @@ pub mod localization;
 pub mod log_odds;
 pub mod mapping;
 pub mod noise;
+pub mod novelty;
 pub mod odometry;
 pub mod pose;
 pub mod quality;

@@ -1,13 +1,11 @@
 //! Algorithm 1: occupancy grid mapping.
 
-use crate::config::{ConfigError, Fusion, Limit, MapperConfig, Noise, SonarSelection};
+use crate::config::{ConfigError, Limit, MapperConfig, NoEcho, Noise, SonarSelection};
+use crate::fusion::{Fuser, Sounding};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
-use crate::kernel::Kernel;
-use crate::noise::NoiseTerms;
 use crate::odometry::Estimate;
 use crate::reading::{Echo, Reading};
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
-use crate::sensor_model::{Cone, Deviations};
 use crate::verdict::Verdict;
 
 /// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
@@ -26,11 +24,9 @@ struct Channel {
 #[derive(Debug, Clone)]
 pub struct GridMapper {
     config: MapperConfig,
-    noise: Noise,
-    seed: u64,
     channels: Vec<Option<Channel>>,
     grid: Grid,
-    kernel: Kernel,
+    fuser: Fuser,
     dirty: DirtyTiles,
 }
 
@@ -44,11 +40,9 @@ impl GridMapper {
         mapper.validate()?;
         Ok(Self {
             config: mapper.clone(),
-            noise,
-            seed,
             channels: channels(mapper, &robot)?,
             grid: Grid::new(mapper.resolution_m),
-            kernel: Kernel::new(mapper.log_odds_prior, mapper.log_odds_max),
+            fuser: Fuser::new(mapper, noise, seed),
             dirty: DirtyTiles::default(),
         })
     }
@@ -77,63 +71,26 @@ impl GridMapper {
     fn try_integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Result<(), Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
-        let range_m = channel.range_of(reading.echo)?;
+        let range_m = channel.range_of(reading.echo, self.config.no_echo)?;
         // Where was the robot then?
         let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
-        let map_from_transducer = estimate.pose * channel.transducer.base_from_transducer;
-        // How far to trust it (eqs 22, 23)
-        let cone = self.cone(&channel, range_m, estimate, (sequence, reading.transducer))?;
-        // Every cell of its cone (eq 20)
-        self.kernel
-            .add(&mut self.grid, &mut self.dirty, map_from_transducer, &cone, sequence)
-            .map_err(|_| Verdict::OffMap)
+        // How far to trust it, and what it says of every cell of its cone
+        let (transducer, sensor) = (reading.transducer, &channel.transducer);
+        let sounding = Sounding { sequence, transducer, sensor, range_m, estimate };
+        self.fuser.add(&mut self.grid, &mut self.dirty, &sounding)
     }
 
     fn channel(&self, transducer: u16) -> Option<Channel> {
         self.channels.get(usize::from(transducer)).copied().flatten()
     }
-
-    fn cone(
-        &self,
-        channel: &Channel,
-        range_m: f64,
-        estimate: &Estimate,
-        (sequence, transducer): (u64, u16),
-    ) -> Result<Cone, Verdict> {
-        let sensor = &channel.transducer;
-        let (aperture_rad, ratio, resolution_m) =
-            (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
-        let deviations = match self.config.fusion {
-            Fusion::Paper => {
-                let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
-                Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
-            }
-            Fusion::Covariance => {
-                let covariance = estimate.covariance_of(sensor.base_from_transducer);
-                let bearing_rad = estimate.pose.theta + sensor.base_from_transducer.theta;
-                Deviations::of_covariance(range_m, bearing_rad, aperture_rad, ratio, resolution_m, &covariance)
-            }
-        };
-        // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
-        if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
-            return Err(Verdict::Untrusted);
-        }
-        Ok(Cone {
-            range_m,
-            aperture_rad: sensor.aperture_rad,
-            range_cap_m: sensor.range_max_m,
-            deviations,
-            p_occupied: self.config.p_occupied,
-            p_free: self.config.p_free,
-        })
-    }
 }
 
 impl Channel {
-    /// The range of an echo that may be used, or why it may not.
-    fn range_of(&self, echo: Echo) -> Result<f64, Verdict> {
+    /// The range of an echo that may be used, none if that there is no echo may be; or why it may not.
+    fn range_of(&self, echo: Echo, no_echo: NoEcho) -> Result<Option<f64>, Verdict> {
         let range_m = match echo {
             Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => range_m,
+            Echo::NoEcho if no_echo == NoEcho::Clear && self.selected => return Ok(None),
             Echo::NoEcho => return Err(Verdict::NoEcho),
             Echo::Hit { .. } | Echo::Invalid => return Err(Verdict::Invalid),
         };
@@ -144,7 +101,7 @@ impl Channel {
         } else if !self.selected {
             Err(Verdict::NotSelected)
         } else {
-            Ok(range_m)
+            Ok(Some(range_m))
         }
     }
 }
@@ -408,24 +365,5 @@ mod tests {
         };
         assert!(map(1).is_some());
         assert_eq!(map(1), map(2));
-    }
-
-    #[test]
-    fn who_lost_the_way_along_a_corridor_still_knows_its_walls() {
-        // A metre of doubt along x, none across it.
-        let mut estimate = Estimate::certain(Pose2::IDENTITY);
-        estimate.covariance[(0, 0)] = 1.0;
-        let config = MapperConfig { fusion: Fusion::Covariance, ..MapperConfig::default() };
-        let mapper = GridMapper::new(&config, Noise::Sampled, 1, robot()).unwrap();
-        let trust = |heading_rad: f64| {
-            let turned = Estimate { pose: Pose2::new(0.0, 0.0, heading_rad), ..estimate };
-            let channel = mapper.channel(0).unwrap();
-            let ahead = channel.transducer.base_from_transducer.theta;
-            let turned = Estimate { pose: Pose2::new(0.0, 0.0, turned.pose.theta - ahead), ..turned };
-            mapper.cone(&channel, 2.0, &turned, (1, 0)).unwrap().deviations
-        };
-        let (along, across) = (trust(0.0), trust(core::f64::consts::FRAC_PI_2));
-        assert!((along.sigma_z_m - libm::hypot(1.0, 0.025)).abs() < 1e-9, "{along:?}");
-        assert!((across.sigma_z_m - 0.025).abs() < 1e-9, "{across:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! How good a map is, against a known world and the true path.
 //!
-//! Cells that count ([`Truth`]): those whose centre was seen from the true path by straight sight, and the cells of walls
-//! beside a seen one. A cell within one cell of a wall is neither: whether a wall fills it is a matter of rounding.
+//! Cells that count ([`Truth`]): those whose centre was seen from the true path by straight sight past the cells of walls, and the
+//! cells of walls beside a seen one. A cell within one cell of a wall is neither: whether a wall fills it is a matter of rounding.
 //!
 //! The score is the cross-entropy in bits: −log₂ of the probability that the map gave to the truth, averaged over the free
 //! cells and over the cells of walls, and the two averaged. A map that knows nothing scores 1 bit, a perfect one almost 0, a
@@ -100,7 +100,7 @@ impl Truth {
         let cells = width * height;
         let mut truth = Self { low, width, height, wall: vec![false; cells], seen: vec![false; cells] };
         truth.mark_walls(world, grid);
-        truth.mark_seen(world, path, grid);
+        truth.mark_seen(path, grid);
         Ok(truth)
     }
 
@@ -165,7 +165,7 @@ impl Truth {
     }
 
     /// Every cell that is no wall and whose centre is seen from some point of the path.
-    fn mark_seen(&mut self, world: &World, path: &[Pose2], grid: &Grid) {
+    fn mark_seen(&mut self, path: &[Pose2], grid: &Grid) {
         let resolution_m = grid.resolution_m();
         let reach = (SIGHT_M / resolution_m) as i32 + 1;
         let mut last: Option<Pose2> = None;
@@ -184,10 +184,37 @@ impl Truth {
                     };
                     let [x, y] = grid.centre(cell);
                     let (dx, dy) = (x - pose.x, y - pose.y);
-                    self.seen[index] = dx * dx + dy * dy <= SIGHT_M * SIGHT_M && world.sees([pose.x, pose.y], [x, y]);
+                    self.seen[index] = dx * dx + dy * dy <= SIGHT_M * SIGHT_M
+                        && self.sees([pose.x / resolution_m, pose.y / resolution_m], cell);
                 }
             }
         }
+    }
+
+    /// Whether no wall lies in the cells between a point, in cells, and the centre of a cell. (Not whether no wall lies between
+    /// them: through a gap that no map of such cells can show, none is expected to see.)
+    fn sees(&self, [x, y]: [f64; 2], cell: CellIndex) -> bool {
+        let (mut i, mut j) = (x.floor() as i32, y.floor() as i32);
+        let (dx, dy) = (f64::from(cell.i) + 0.5 - x, f64::from(cell.j) + 0.5 - y);
+        let (step_i, step_j) = (if dx > 0.0 { 1 } else { -1 }, if dy > 0.0 { 1 } else { -1 });
+        // Shares of the way from border to border, and to the next one.
+        let (each_i, each_j) = ((1.0 / dx).abs(), (1.0 / dy).abs());
+        let to_border = |at: f64, index: i32, step: i32| (f64::from(index) + f64::from(step.max(0)) - at).abs();
+        let (mut next_i, mut next_j) = (to_border(x, i, step_i) * each_i, to_border(y, j, step_j) * each_j);
+        let steps = (cell.i - i).abs() + (cell.j - j).abs();
+        for _ in 0..steps {
+            if next_i < next_j {
+                i += step_i;
+                next_i += each_i;
+            } else {
+                j += step_j;
+                next_j += each_j;
+            }
+            if self.is_wall(CellIndex { i, j }) {
+                return false;
+            }
+        }
+        true
     }
 }
 

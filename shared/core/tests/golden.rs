@@ -7,6 +7,7 @@
 use std::path::PathBuf;
 
 use echogrid_core::config::Systematic;
+use echogrid_core::first_echo::{FirstEcho, SeenCell};
 use echogrid_core::grid::{CellIndex, DirtyTiles, Grid};
 use echogrid_core::kernel::Kernel;
 use echogrid_core::log_odds::{log_odds_of, probability_of};
@@ -43,8 +44,7 @@ impl Table {
         let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
         let mut lines = text.lines();
         let columns = lines.next().expect("a head line").split(',').map(str::to_owned).collect();
-        let rows: Vec<Vec<f64>> =
-            lines.map(|line| line.split(',').map(|field| field.parse().expect("a number")).collect()).collect();
+        let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(number).collect()).collect();
         assert!(!rows.is_empty(), "{name} has no rows");
         Some(Self { name, columns, rows })
     }
@@ -66,6 +66,11 @@ impl Row<'_> {
         let agrees = (ours - golden).abs() <= ABSOLUTE + RELATIVE * golden.abs();
         assert!(agrees, "{} row {}: {column} is {golden:e}, computed {ours:e}", self.table.name, self.line);
     }
+}
+
+/// An empty field is none.
+fn number(field: &str) -> f64 {
+    if field.is_empty() { f64::NAN } else { field.parse().expect("a number") }
 }
 
 #[test]
@@ -268,5 +273,38 @@ fn calibration_from_trials() {
         ] {
             row.check(name, value);
         }
+    }
+}
+
+#[test]
+fn first_echo() {
+    let Some(table) = Table::load("first_echo.csv") else { return };
+    let mut from = 0;
+    while from < table.rows.len() {
+        let row = |line| Row { table: &table, line };
+        let cone = row(from).get("cone");
+        let to = (from..table.rows.len()).find(|line| row(*line).get("cone") != cone).unwrap_or(table.rows.len());
+        let first = row(from);
+        let range_m = Some(first.get("z_m")).filter(|range_m| range_m.is_finite());
+        let reading = FirstEcho {
+            range_m,
+            sigma_z_m: first.get("sigma_z_m"),
+            sigma_theta_rad: first.get("sigma_theta_rad"),
+            detection: first.get("r0"),
+            clutter: first.get("clutter"),
+            range_cap_m: first.get("r_cap_m"),
+            lost: first.get("clutter"),
+        };
+        let cells: Vec<SeenCell> = (from..to)
+            .map(|line| SeenCell {
+                distance_m: row(line).get("d_m"),
+                bearing_rad: row(line).get("phi_rad"),
+                probability: row(line).get("p_before"),
+            })
+            .collect();
+        for ((line, cell), gain) in (from..to).zip(&cells).zip(reading.gains(&cells)) {
+            row(line).check("p_after", probability_of(log_odds_of(cell.probability) + gain));
+        }
+        from = to;
     }
 }

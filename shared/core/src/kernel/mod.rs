@@ -9,6 +9,7 @@
 //! exact but for centres that lie within 1e-9 m or rad of a border. (At 10 000 km from the origin of the map a
 //! coordinate itself has no more than that.) A beam so narrow and short that no centre lies in it adds nothing.
 
+mod first_echo;
 mod fit;
 mod lanes;
 mod spans;
@@ -19,6 +20,7 @@ use crate::log_odds::log_odds_of;
 use crate::pose::Pose2;
 use crate::sensor_model::{BAND, Cone};
 
+pub use first_echo::{EchoCone, FirstEchoKernel};
 use fit::{Fitter, fit, nodes, shortened};
 use lanes::{ANGLE, ARTANH, Common, Profile, TileRow, add_echo, add_free};
 use spans::{RowSpan, Sector};
@@ -87,7 +89,10 @@ impl Kernel {
         cone: &Cone,
         revision: u64,
     ) -> Result<(), OffMap> {
-        let apex = Apex::of(map_from_transducer, cone, grid.resolution_m())?;
+        if !is_sound(cone) {
+            return Err(OffMap);
+        }
+        let apex = Apex::of(map_from_transducer, cone.far_m(), cone.aperture_rad, grid.resolution_m())?;
         let half_aperture = 0.5 * cone.aperture_rad;
         if half_aperture > 0.0 && half_aperture <= WIDEST_HALF_APERTURE_RAD {
             self.add_fast(grid, dirty, map_from_transducer, cone, revision, apex);
@@ -107,7 +112,13 @@ impl Kernel {
         apex: Apex,
     ) {
         let resolution_m = grid.resolution_m();
-        let sector = Sector::new(cone, map_from_transducer, apex.offset_x, resolution_m);
+        let sector = Sector::new(
+            cone.aperture_rad,
+            (cone.near_m(), cone.far_m()),
+            map_from_transducer,
+            apex.offset_x,
+            resolution_m,
+        );
         let profile = self.profile(map_from_transducer, cone, resolution_m, apex);
 
         // One stretch of cells per row
@@ -165,24 +176,36 @@ impl Kernel {
         revision: u64,
         apex: Apex,
     ) {
-        let reach = (cone.far_m() / grid.resolution_m()).ceil().max(0.0) as i32 + 1;
-        for j in apex.cell.j - reach..=apex.cell.j + reach {
-            for i in apex.cell.i - reach..=apex.cell.i + reach {
-                let cell = CellIndex { i, j };
-                let [x, y] = grid.centre(cell);
-                let (dx, dy) = (x - map_from_transducer.x, y - map_from_transducer.y);
-                let bearing = wrap_angle(libm::atan2(dy, dx) - map_from_transducer.theta);
-                let Some(p) = cone.probability(libm::hypot(dx, dy), bearing) else { continue };
-                let tile = grid.tile_mut(cell.tile());
-                tile.revision = revision;
-                dirty.insert(cell.tile());
-                let value = &mut tile.log_odds[cell.offset_in_tile()];
-                let before = if value.is_nan() { self.common.prior } else { f64::from(*value) };
-                let after = (before + log_odds_of(p) - self.common.prior) as f32;
-                *value = after.max(-self.common.max).min(self.common.max);
-            }
+        let cells: Vec<_> = cells_around(grid, map_from_transducer, apex, cone.far_m()).collect();
+        for (cell, distance_m, bearing_rad) in cells {
+            let Some(p) = cone.probability(distance_m, bearing_rad) else { continue };
+            let tile = grid.tile_mut(cell.tile());
+            tile.revision = revision;
+            dirty.insert(cell.tile());
+            let value = &mut tile.log_odds[cell.offset_in_tile()];
+            let before = if value.is_nan() { self.common.prior } else { f64::from(*value) };
+            let after = (before + log_odds_of(p) - self.common.prior) as f32;
+            *value = after.max(-self.common.max).min(self.common.max);
         }
     }
+}
+
+/// Every cell that may be nearer than `far_m` to a transducer: the cell, its distance in metres, its bearing off the axis.
+fn cells_around(
+    grid: &Grid,
+    map_from_transducer: Pose2,
+    apex: Apex,
+    far_m: f64,
+) -> impl Iterator<Item = (CellIndex, f64, f64)> + use<> {
+    let resolution_m = grid.resolution_m();
+    let reach = (far_m / resolution_m).ceil().max(0.0) as i32 + 1;
+    let Apex { cell: CellIndex { i, j }, .. } = apex;
+    let cells = (j - reach..=j + reach).flat_map(move |j| (i - reach..=i + reach).map(move |i| CellIndex { i, j }));
+    cells.map(move |cell| {
+        let dx = (f64::from(cell.i) + 0.5) * resolution_m - map_from_transducer.x;
+        let dy = (f64::from(cell.j) + 0.5) * resolution_m - map_from_transducer.y;
+        (cell, libm::hypot(dx, dy), wrap_angle(libm::atan2(dy, dx) - map_from_transducer.theta))
+    })
 }
 
 /// Where the rows of a cone lie on the grid.
@@ -270,15 +293,14 @@ struct Apex {
 
 impl Apex {
     /// Refuses what is not finite, leaves the grid or is too large.
-    fn of(map_from_transducer: Pose2, cone: &Cone, resolution_m: f64) -> Result<Self, OffMap> {
+    fn of(map_from_transducer: Pose2, far_m: f64, aperture_rad: f64, resolution_m: f64) -> Result<Self, OffMap> {
         let Pose2 { x, y, .. } = map_from_transducer;
-        let reach = cone.far_m() / resolution_m;
+        let reach = far_m / resolution_m;
         let (column, row) = ((x / resolution_m).floor(), (y / resolution_m).floor());
         let limit = f64::from(CELL_LIMIT) - reach - 2.0;
         let fits = map_from_transducer.is_finite()
-            && is_sound(cone)
             && reach < REACH_LIMIT
-            && 0.5 * cone.aperture_rad.min(core::f64::consts::TAU) * reach * reach < AREA_LIMIT
+            && 0.5 * aperture_rad.min(core::f64::consts::TAU) * reach * reach < AREA_LIMIT
             && column.abs() < limit
             && row.abs() < limit;
         if !fits {

@@ -1,7 +1,6 @@
 //! Which cells lie in a cone: one stretch per row.
 
 use crate::pose::Pose2;
-use crate::sensor_model::Cone;
 
 /// The cells of one row that lie in a cone, by column counted from the column of the transducer; both ends included.
 ///
@@ -91,15 +90,22 @@ impl Edge {
 }
 
 impl Sector {
-    pub(super) fn new(cone: &Cone, map_from_transducer: Pose2, offset_x: f64, resolution_m: f64) -> Self {
-        let half = 0.5 * cone.aperture_rad;
+    /// Of a cone of full aperture `aperture_rad` whose region II lies from `near_m` to `far_m`.
+    pub(super) fn new(
+        aperture_rad: f64,
+        (near_m, far_m): (f64, f64),
+        map_from_transducer: Pose2,
+        offset_x: f64,
+        resolution_m: f64,
+    ) -> Self {
+        let half = 0.5 * aperture_rad;
         Self {
             cells_per_m: 1.0 / resolution_m,
             offset: offset_x / resolution_m,
             left: Edge::new(map_from_transducer.theta + half, 1.0),
             right: Edge::new(map_from_transducer.theta - half, -1.0),
-            near_m: cone.near_m(),
-            far_m: cone.far_m(),
+            near_m,
+            far_m,
         }
     }
 

@@ -1,0 +1,168 @@
+//! What a reading makes of the cells of its cone: the three rules of fusion.
+
+use crate::config::{Fusion, MapperConfig, Noise};
+use crate::first_echo::FirstEcho;
+use crate::grid::{DirtyTiles, Grid};
+use crate::kernel::{EchoCone, FirstEchoKernel, Kernel};
+use crate::log_odds::log_odds_of;
+use crate::noise::NoiseTerms;
+use crate::novelty::Novelty;
+use crate::odometry::Estimate;
+use crate::robot::Transducer;
+use crate::sensor_model::{BAND, Cone, Deviations};
+use crate::verdict::Verdict;
+
+/// A reading that is to be fused.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sounding<'a> {
+    /// Of its scan.
+    pub(crate) sequence: u64,
+    pub(crate) transducer: u16,
+    pub(crate) sensor: &'a Transducer,
+    /// None: nothing came back.
+    pub(crate) range_m: Option<f64>,
+    /// Where the robot was; finite.
+    pub(crate) estimate: &'a Estimate,
+}
+
+/// Fuses readings into a grid by the rule of the configuration.
+#[derive(Debug, Clone)]
+pub(crate) struct Fuser {
+    config: MapperConfig,
+    noise: Noise,
+    seed: u64,
+    kernel: Kernel,
+    first_echo: FirstEchoKernel,
+    novelty: Novelty,
+}
+
+impl Fuser {
+    pub(crate) fn new(config: &MapperConfig, noise: Noise, seed: u64) -> Self {
+        Self {
+            config: config.clone(),
+            noise,
+            seed,
+            kernel: Kernel::new(config.log_odds_prior, config.log_odds_max),
+            first_echo: FirstEchoKernel::new(config.log_odds_prior, config.log_odds_max),
+            novelty: Novelty::default(),
+        }
+    }
+
+    /// Every cell of the cone of a reading (eq 20).
+    ///
+    /// # Errors
+    /// The verdict, where it is not trusted or leaves the map; nothing is changed then.
+    pub(crate) fn add(
+        &mut self,
+        grid: &mut Grid,
+        dirty: &mut DirtyTiles,
+        sounding: &Sounding<'_>,
+    ) -> Result<(), Verdict> {
+        let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
+        // How far to trust it (eqs 22, 23)
+        let deviations = self.deviations(sounding);
+        // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
+        if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
+            return Err(Verdict::Untrusted);
+        }
+        let map_from_transducer = estimate.pose * sensor.base_from_transducer;
+        let news = self.novelty.of(transducer, map_from_transducer, self.config.novelty_m);
+        let added = match self.config.fusion {
+            Fusion::Paper | Fusion::Covariance => {
+                let cone = self.cone(sounding, deviations, news);
+                self.kernel.add(grid, dirty, map_from_transducer, &cone, sequence)
+            }
+            Fusion::FirstEcho => {
+                let cone = self.echo_cone(sounding, deviations, news);
+                self.first_echo.add(grid, dirty, map_from_transducer, &cone, sequence)
+            }
+        };
+        added.map_err(|_| Verdict::OffMap)
+    }
+
+    fn deviations(&self, sounding: &Sounding<'_>) -> Deviations {
+        let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
+        let (aperture_rad, ratio, resolution_m) =
+            (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
+        let range_m = sounding.range_m.unwrap_or(sensor.range_max_m);
+        match self.config.fusion {
+            Fusion::Paper => {
+                let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
+                Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
+            }
+            Fusion::Covariance | Fusion::FirstEcho => {
+                let covariance = estimate.covariance_of(sensor.base_from_transducer);
+                let bearing_rad = estimate.pose.theta + sensor.base_from_transducer.theta;
+                Deviations::of_covariance(range_m, bearing_rad, aperture_rad, ratio, resolution_m, &covariance)
+            }
+        }
+    }
+
+    /// Of the models that add up. What is not new is trusted less; a cone without an echo is free to its end, as far as echoes are
+    /// not lost.
+    fn cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> Cone {
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
+        let found = if sounding.range_m.is_some() { 1.0 } else { 1.0 - self.config.echo_lost };
+        Cone {
+            range_m: sounding.range_m.unwrap_or(range_cap_m + BAND * deviations.sigma_z_m),
+            aperture_rad,
+            range_cap_m,
+            deviations: Deviations { trust: deviations.trust * news * found, ..deviations },
+            p_occupied: self.config.p_occupied,
+            p_free: self.config.p_free,
+        }
+    }
+
+    fn echo_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> EchoCone {
+        let Transducer { aperture_rad, range_max_m: range_cap_m, range_error_ratio, .. } = *sounding.sensor;
+        let Deviations { sigma_z_m, sigma_theta_rad, .. } = deviations;
+        let sigma_z0_m =
+            (range_error_ratio * sounding.range_m.unwrap_or(range_cap_m)).max(0.5 * self.config.resolution_m);
+        EchoCone {
+            reading: FirstEcho {
+                range_m: sounding.range_m,
+                sigma_z_m,
+                sigma_theta_rad,
+                detection: self.config.echo_detection,
+                clutter: self.config.echo_clutter,
+                range_cap_m,
+                lost: self.config.echo_lost,
+            },
+            aperture_rad,
+            prior_log_odds: log_odds_of(self.config.echo_prior),
+            weight: news * libm::pow(sigma_z0_m / sigma_z_m, self.config.tempering),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pose::Pose2;
+    use crate::robot::SensorKind;
+
+    #[test]
+    fn who_lost_the_way_along_a_corridor_still_knows_its_walls() {
+        let config = MapperConfig { fusion: Fusion::Covariance, ..MapperConfig::default() };
+        let fuser = Fuser::new(&config, Noise::Sampled, 1);
+        let sensor = Transducer {
+            kind: SensorKind::Sonar,
+            base_from_transducer: Pose2::new(0.2, 0.0, 0.0),
+            aperture_rad: core::f64::consts::FRAC_PI_6,
+            range_min_m: 0.02,
+            range_max_m: 5.0,
+            range_error_ratio: 0.01,
+        };
+        // A metre of doubt along x, none across it.
+        let deviations = |heading_rad: f64| {
+            let mut estimate = Estimate::certain(Pose2::new(0.0, 0.0, heading_rad));
+            estimate.covariance[(0, 0)] = 1.0;
+            let range_m = Some(2.0);
+            let sounding = Sounding { sequence: 1, transducer: 0, sensor: &sensor, range_m, estimate: &estimate };
+            fuser.deviations(&sounding)
+        };
+        let (along, across) = (deviations(0.0), deviations(core::f64::consts::FRAC_PI_2));
+        assert!((along.sigma_z_m - libm::hypot(1.0, 0.025)).abs() < 1e-9, "{along:?}");
+        assert!((across.sigma_z_m - 0.025).abs() < 1e-9, "{across:?}");
+    }
+}
