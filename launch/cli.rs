@@ -166,6 +166,34 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Scores every way of mapping against known worlds, with a simulated robot and with logs that know the truth, on all
+    /// processors; a table.
+    Evaluate {
+        /// Worlds to simulate in: names, files, or ranges of floors drawn by lot, as in floor-101..110.
+        #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "floor-101..110")]
+        worlds: Vec<String>,
+        /// Drives in each.
+        #[arg(long, default_value_t = 1)]
+        seeds: u64,
+        /// A log that knows where the robot really was, and its world; may be repeated.
+        #[arg(long = "log", value_name = "LOG=WORLD")]
+        logs: Vec<String>,
+        /// The folder of a sonar workload with true poses (workload_s.bin and building.map).
+        #[arg(long, value_name = "DIR")]
+        workload: Option<PathBuf>,
+        /// Writes the table to this file, too.
+        #[arg(long, value_name = "FILE.md")]
+        out: Option<PathBuf>,
+        /// Learns the parameters of each fusion on these worlds first (and then say others to judge by).
+        #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+        learn: Vec<String>,
+        /// Prints the figures as JSON.
+        #[arg(long)]
+        json: bool,
+        /// Sets any key in every run.
+        #[arg(long = "set", value_name = "KEY=VALUE")]
+        sets: Vec<String>,
+    },
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
         /// replay, simulator, odometry, localizer, mapper or publisher.

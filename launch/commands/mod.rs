@@ -2,8 +2,10 @@
 
 mod check;
 mod demo;
+mod evaluate;
 mod experiment;
 mod graph;
+mod observer;
 mod score;
 mod service;
 mod talk;
@@ -55,6 +57,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })
+        }
+        Some(Command::Evaluate { worlds, seeds, logs, workload, out, learn, json, sets }) => {
+            evaluate::run(&evaluate::Request { worlds, seeds, logs, workload, out, learn, json, sets })
         }
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),

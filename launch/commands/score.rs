@@ -118,10 +118,11 @@ impl fmt::Display for Score<'_> {
         writeln!(f, "calibration  {:.3} between what was said and what is", self.quality.calibration_error)?;
         writeln!(
             f,
-            "decided      {:.1} % of {} cells that count, {:.1} % wrong",
+            "decided      {:.1} % of {} cells that count, {:.1} % wrong; {:.1} % of the free ones are called occupied",
             100.0 * self.quality.decided,
             self.cells_occupied + self.cells_free,
-            100.0 * self.quality.decided_wrong
+            100.0 * self.quality.decided_wrong,
+            100.0 * self.quality.free_called_occupied
         )?;
         writeln!(
             f,

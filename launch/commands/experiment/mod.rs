@@ -1,7 +1,6 @@
 //! `echogrid experiment paper`: the experiment of the paper's section 4, with a simulated robot. One drive, mapped in several
 //! ways, each against the truth.
 
-mod observer;
 mod report;
 mod variant;
 
@@ -15,9 +14,9 @@ use echogrid_formats::write_whole;
 use echogrid_publisher::PublisherService;
 use echogrid_simulator::world_of;
 
-use self::observer::{Observer, Seen};
 use self::report::{Moment, Report, Score};
 use self::variant::{Drive, Variant};
+use super::observer::{Observer, Seen};
 use crate::config::Config;
 use crate::in_process;
 

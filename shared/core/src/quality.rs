@@ -41,6 +41,8 @@ pub struct Quality {
     pub decided: f64,
     /// Share of the cells that count that are decided the wrong way.
     pub decided_wrong: f64,
+    /// Share of the free cells that count that are called occupied (p > 0.65).
+    pub free_called_occupied: f64,
     /// Share of the cells of walls that count with an occupied cell of the map (p > 0.65) within 10 cm.
     pub wall_recall_10cm: f64,
     /// Share of the occupied cells of the whole map within 10 cm of a wall; 0 if it has none.
@@ -274,7 +276,8 @@ impl Quality {
         let (occupied_above, free_below) = (log_odds_of(OCCUPIED_ABOVE), log_odds_of(FREE_BELOW));
         let is_occupied = |cell| grid.log_odds(cell).is_some_and(|log_odds| f64::from(log_odds) > occupied_above);
         let (mut walls, mut free) = (Mean::default(), Mean::default());
-        let (mut decided, mut decided_wrong, mut recall) = (Mean::default(), Mean::default(), Mean::default());
+        let (mut decided, mut decided_wrong) = (Mean::default(), Mean::default());
+        let (mut recall, mut false_occupied) = (Mean::default(), Mean::default());
         let mut calibration = Calibration::default();
         for (cell, kind) in truth.cells() {
             let judged = judged_log_odds(grid, cell, kind);
@@ -286,6 +289,7 @@ impl Quality {
                 recall.count(near(cell, grid.resolution_m()).any(is_occupied));
             } else {
                 free.add(-libm::log2(1.0 - p));
+                false_occupied.count(log_odds > occupied_above);
             }
             let (says_wall, says_free) = (log_odds > occupied_above, log_odds < free_below);
             decided.count(says_wall || says_free);
@@ -303,6 +307,7 @@ impl Quality {
             calibration_error: calibration.error(),
             decided: decided.value().unwrap_or(0.0),
             decided_wrong: decided_wrong.value().unwrap_or(0.0),
+            free_called_occupied: false_occupied.value().unwrap_or(0.0),
             wall_recall_10cm: recall.value().unwrap_or(0.0),
             wall_precision_10cm: wall_precision(grid, truth, occupied_above),
         })
@@ -424,6 +429,7 @@ mod tests {
             calibration_error: 0.0,
             decided: 0.0,
             decided_wrong: 0.0,
+            free_called_occupied: 0.0,
             wall_recall_10cm: 0.0,
             wall_precision_10cm: 0.0,
         };

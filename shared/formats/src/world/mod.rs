@@ -6,9 +6,11 @@
 //! | `.toml` | echogrid's own: walls with doors, boxes, goals, home | [`plan`] |
 //! | `.yaml` | a map_server map: what is occupied is solid | [`crate::map::map_server`] |
 //!
-//! Whatever the file: metres, in the map frame. Two worlds come along, and go by their names: [`find`].
+//! Whatever the file: metres, in the map frame. Two worlds come along, and go by their names: [`find`]; so do floors that are drawn by
+//! lot, `floor-1`, `floor-2` …
 
 mod error;
+mod floor;
 pub mod mobilesim;
 pub mod plan;
 
@@ -44,8 +46,10 @@ pub fn builtin_worlds() -> impl Iterator<Item = &'static str> {
 /// # Errors
 /// As [`read`].
 pub fn find(name: &Path) -> Result<World, WorldFileError> {
-    let Some((_, text)) = BUILTIN.iter().find(|(builtin, _)| Path::new(builtin) == name) else { return read(name) };
-    let parts = plan::parse(text).map_err(|source| TextFileError::Text { path: name.to_path_buf(), source })?;
+    let builtin = BUILTIN.iter().find(|(builtin, _)| Path::new(builtin) == name);
+    let drawn = || name.to_str().and_then(floor::number).map(floor::plan);
+    let Some(text) = builtin.map(|(_, text)| (*text).to_owned()).or_else(drawn) else { return read(name) };
+    let parts = plan::parse(&text).map_err(|source| TextFileError::Text { path: name.to_path_buf(), source })?;
     World::new(parts).map_err(|source| WorldFileError::World { path: name.to_path_buf(), source })
 }
 

@@ -1,0 +1,126 @@
+//! `echogrid evaluate`: every way of mapping, scored where the truth is known.
+
+mod drive;
+mod jobs;
+mod learn;
+mod method;
+mod report;
+mod workload;
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use echogrid_core::Quality;
+use echogrid_formats::write_whole;
+use toml::Value;
+
+use self::drive::{Drive, Lesson};
+use self::method::{METHODS, Method, SCHEDULES};
+use self::report::{Report, Row, Table};
+use self::workload::Workload;
+use crate::config::{Config, LoadRequest};
+
+/// What is judged, by what, and where it is told.
+pub(super) struct Request {
+    pub(super) worlds: Vec<String>,
+    pub(super) seeds: u64,
+    pub(super) logs: Vec<String>,
+    pub(super) workload: Option<PathBuf>,
+    pub(super) out: Option<PathBuf>,
+    pub(super) learn: Vec<String>,
+    pub(super) json: bool,
+    pub(super) sets: Vec<String>,
+}
+
+/// Carries out the evaluation.
+pub(super) fn run(request: &Request) -> Result<()> {
+    ensure!(request.seeds > 0, "--seeds 0: expected 1 or more");
+    // Whatever is wrong is said before hours of work.
+    let drives = drive::simulated(&request.worlds, request.seeds)?;
+    let learn_on = drive::simulated(&request.learn, request.seeds)?;
+    let logs = request.logs.iter().map(|log| drive::logged(log)).collect::<Result<Vec<Drive>>>()?;
+    let workload = request.workload.as_deref().map(Workload::read).transpose()?;
+
+    let lessons = |drives: &[Drive]| jobs::run(drives, |drive| Lesson::of(drive, &request.sets));
+    let learnt = match lessons(&learn_on)? {
+        none if none.is_empty() => Vec::new(),
+        lessons => learn::learn(&lessons, &request.sets, setting(request)?)?,
+    };
+    let sets_of = |method: &Method| {
+        let fusion = method.sets.iter().find_map(|set| set.strip_prefix("mapper.fusion="));
+        let learnt =
+            learnt.iter().filter(|learnt| Some(learnt.fusion) == fusion).flat_map(|learnt| learnt.sets.clone());
+        let own = method.sets.iter().map(|set| (*set).to_owned());
+        learnt.chain(request.sets.iter().cloned()).chain(own).collect::<Vec<String>>()
+    };
+    let mut tables = Vec::new();
+    if !drives.is_empty() {
+        let about = format!("{} simulated drives: {}, {} each", drives.len(), request.worlds.join(", "), request.seeds);
+        tables.push(Table { about, rows: judge(&lessons(&drives)?, sets_of)? });
+    }
+    for (named, log) in request.logs.iter().zip(logs) {
+        let about = named.rsplit('/').next().unwrap_or(named).to_owned();
+        let name = named.split('=').next().and_then(|log| log.rsplit('/').next()).unwrap_or_default();
+        tables.push(Table { about: format!("{name} in {about}"), rows: judge(&lessons(&[log])?, sets_of)? });
+    }
+    let on_workload = match &workload {
+        Some(workload) => {
+            let judged = jobs::run(&METHODS, |method| workload.judge(&sets_of(method)))?;
+            METHODS.iter().map(|method| method.name).zip(judged).collect()
+        }
+        None => Vec::new(),
+    };
+    let report = Report { learnt, tables, workload: on_workload };
+    if let Some(file) = &request.out {
+        write_whole(file, report.markdown().as_bytes())?;
+    }
+    super::print(&if request.json {
+        format!("{}\n", serde_json::to_string_pretty(&report).context("the figures as JSON")?)
+    } else {
+        report.markdown()
+    })
+}
+
+/// Where learning begins: what is configured.
+fn setting(request: &Request) -> Result<impl Fn(&str) -> Option<f64>> {
+    let load =
+        LoadRequest { sensor: Some("simulator".to_owned()), sets: request.sets.clone(), ..LoadRequest::default() };
+    let table = Config::load(&load)?.table().clone();
+    Ok(move |key: &str| {
+        let (section, key) = key.split_once('.')?;
+        table.get(section)?.get(key).and_then(Value::as_float)
+    })
+}
+
+/// Every method by every schedule, over these drives.
+fn judge(drives: &[Lesson], sets_of: impl Fn(&Method) -> Vec<String> + Sync) -> Result<Vec<Row>> {
+    let schedules = || SCHEDULES.iter();
+    let runs: Vec<_> = METHODS
+        .iter()
+        .flat_map(|method| schedules().flat_map(move |at| drives.iter().map(move |drive| (method, at, drive))))
+        .collect();
+    let judged = jobs::run(&runs, |(method, schedule, drive)| {
+        let told = schedule.sets.iter().map(|set| (*set).to_owned());
+        drive.judge(&told.chain(sets_of(method)).collect::<Vec<_>>())
+    })?;
+    let mut columns = judged.chunks_exact(drives.len()).map(mean);
+    Ok(METHODS
+        .iter()
+        .map(|method| Row { method: method.name, columns: columns.by_ref().take(SCHEDULES.len()).collect() })
+        .collect())
+}
+
+fn mean(judged: &[Quality]) -> Quality {
+    let of = |figure: fn(&Quality) -> f64| judged.iter().map(figure).sum::<f64>() / judged.len().max(1) as f64;
+    Quality {
+        bits: of(|quality| quality.bits),
+        bits_occupied: of(|quality| quality.bits_occupied),
+        bits_free: of(|quality| quality.bits_free),
+        calibration_error: of(|quality| quality.calibration_error),
+        decided: of(|quality| quality.decided),
+        decided_wrong: of(|quality| quality.decided_wrong),
+        free_called_occupied: of(|quality| quality.free_called_occupied),
+        wall_recall_10cm: of(|quality| quality.wall_recall_10cm),
+        wall_precision_10cm: of(|quality| quality.wall_precision_10cm),
+    }
+}
