@@ -31,6 +31,8 @@ pub struct Summary {
     pub trust: f64,
     /// Absolute localizations.
     pub fixes: u32,
+    /// Absolute localizations that were too far off to be believed.
+    pub fixes_refused: u32,
     /// Width and height of the world, metres; none where the sensor knows no world.
     pub world_m: Option<[f64; 2]>,
     /// Cells by what is known of them.
@@ -108,6 +110,7 @@ impl Summary {
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
+            fixes_refused: map.fixes_refused,
             world_m: outcome.world.as_ref().map(|world| {
                 let [[x_low, y_low], [x_high, y_high]] = world.bounds_m;
                 [x_high - x_low, y_high - y_low]
@@ -182,7 +185,11 @@ impl fmt::Display for Summary {
             percent(known.saturating_sub(free).saturating_sub(occupied), known),
         )?;
         write!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
-        writeln!(f, "{}", localized(self.fixes))?;
+        let refused = match self.fixes_refused {
+            0 => String::new(),
+            refused => format!(", refused as too far off {refused}"),
+        };
+        writeln!(f, "{}{refused}", localized(self.fixes))?;
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
         let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;

@@ -258,14 +258,15 @@ fn a_reference_straightens_a_real_drive() {
     assert!(with_m < 0.5 && with_m < without_m / 5.0, "{with_m} m, {without_m} m without");
 }
 
-/// The paper's model with a fix every 5 m and every 15 m; an independent implementation gives 0.86 and 1.10.
+/// The paper's model with a fix every 5 m and every 15 m. An independent implementation, which learns nothing from fixes about
+/// the scales of the odometry, gives 0.86 and 1.10.
 #[test]
 fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
     let Some((log, world)) = data("sonar/columbia-sonar.log.gz").zip(data("worlds/columbia.map")) else { return };
     let out = tempfile::tempdir().unwrap();
     let (log, world, folder) = (path(&log), path(&world), path(out.path()));
     let map = path(&out.path().join("map.echogrid"));
-    for (every, expected) in [("5m", 0.86), ("15m", 1.10)] {
+    for (every, expected) in [("5m", 0.843), ("15m", 1.053)] {
         let arguments = ["map", &log, "--out", &folder, "--fix", "truth", "--fix-every", every, "-q"];
         let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03"];
         let sets = sets.into_iter().flat_map(|set| ["--set", set]);
@@ -273,6 +274,6 @@ fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
         assert!(output.status.success(), "{}", said(&output));
         let score = summary(&echogrid(["score", &map, "--world", &world, "--path", &log, "--json"]));
         let bits = score["bits"].as_f64().unwrap();
-        assert!((bits - expected).abs() < 0.05, "{every}: {bits}");
+        assert!((bits - expected).abs() < 0.02, "{every}: {bits}");
     }
 }

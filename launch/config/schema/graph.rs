@@ -170,6 +170,11 @@ static LOCALIZATION: Section = Section {
         key("every_s", "a number of seconds", "seconds by the sensor's clock from fix to fix; 0: not by time"),
         key("retry_s", "a number of seconds", "seconds until it is asked again after an answer without a fix"),
         key(
+            "gate_sigmas",
+            "a number of standard deviations",
+            "standard deviations from where the robot should be beyond which a fix is refused; 0: none is",
+        ),
+        key(
             "degraded_trust",
             "a number from 0 to 1",
             "degraded while a reading of 2 m is trusted less; 0.43: where one reading can't make a cell occupied",

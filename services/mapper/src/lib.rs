@@ -166,6 +166,7 @@ impl MapperService {
             degraded: latest.is_some_and(|latest| latest.degraded),
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
+            fixes_refused: latest.map_or(0, |latest| latest.estimate.refused),
         };
         out.send(self.stamp_ns, Message::Info(info));
     }

@@ -6,7 +6,9 @@
 use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::verdict::{Verdict, VerdictCounts};
-use echogrid_core::{CellIndex, Echo, Footprint, Pose2, Reading, Robot, Sensor, SensorKind, TileIndex};
+use echogrid_core::{
+    CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex,
+};
 use nalgebra::Matrix3;
 
 use crate::topic::Topic;
@@ -149,6 +151,8 @@ pub struct MapInfo {
     pub held: bool,
     /// Absolute fixes so far.
     pub fixes: u32,
+    /// Fixes refused so far, for being too far off.
+    pub fixes_refused: u32,
 }
 
 /// State of a service.
@@ -282,6 +286,27 @@ fn rows(covariance: &Matrix3<f64>) -> [f64; 9] {
     rows
 }
 
+/// Row and column of each number on and above the diagonal.
+fn upper() -> impl Iterator<Item = (usize, usize)> {
+    (0..5).flat_map(|row| (row..5).map(move |column| (row, column)))
+}
+
+/// Symmetric, whatever the numbers.
+fn joint_covariance(numbers: &[f64; 15]) -> Result<JointCovariance, Fault> {
+    let mut covariance = JointCovariance::zeros();
+    for ((row, column), value) in upper().zip(numbers) {
+        let checked = if row == column { at_least_zero("covariance", *value) } else { finite("covariance", *value) }?;
+        (covariance[(row, column)], covariance[(column, row)]) = (checked, checked);
+    }
+    Ok(covariance)
+}
+
+/// At 1 no step would be left of what the drive measures.
+fn scale(field: &'static str, value: f64) -> Result<f64, Fault> {
+    check(value.abs() < 1.0, field, value, "between -1 and 1")?;
+    Ok(value)
+}
+
 /// A description that has more sensors than fit is cut; see [`MAX_SENSORS`].
 impl From<&Robot> for RobotWire {
     fn from(robot: &Robot) -> Self {
@@ -412,11 +437,15 @@ impl From<&ReadingWire> for Reading {
 impl From<&PoseEstimate> for EstimateWire {
     fn from(message: &PoseEstimate) -> Self {
         let PoseEstimate { estimate, trust, distance_m, degraded, hold } = message;
+        let mut covariance = [0.0; 15];
+        covariance.iter_mut().zip(upper()).for_each(|(slot, place)| *slot = estimate.covariance[place]);
         Self {
             x_m: estimate.pose.x,
             y_m: estimate.pose.y,
             theta_rad: estimate.pose.theta,
-            covariance: rows(&estimate.covariance),
+            covariance,
+            lin_scale: estimate.scales.lin,
+            ang_scale: estimate.scales.ang,
             travel_m: estimate.travel_m,
             turn_rad: estimate.turn_rad,
             e_lin_m: estimate.errors.e_lin_m,
@@ -427,6 +456,8 @@ impl From<&PoseEstimate> for EstimateWire {
             distance_m: *distance_m,
             fixes: estimate.fixes,
             flags: u32::from(*degraded) * DEGRADED + u32::from(*hold) * HOLD,
+            fixes_refused: estimate.refused,
+            reserved: 0,
         }
     }
 }
@@ -435,14 +466,12 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
     type Error = Fault;
 
     fn try_from(wire: &EstimateWire) -> Result<Self, Fault> {
-        for value in wire.covariance {
-            finite("covariance", value)?;
-        }
         check((0.0..=1.0).contains(&wire.trust), "trust", wire.trust, "in [0, 1]")?;
         Ok(Self {
             estimate: Estimate {
                 pose: pose(wire.x_m, wire.y_m, wire.theta_rad)?,
-                covariance: Matrix3::from_row_slice(&wire.covariance),
+                covariance: joint_covariance(&wire.covariance)?,
+                scales: Scales { lin: scale("lin_scale", wire.lin_scale)?, ang: scale("ang_scale", wire.ang_scale)? },
                 travel_m: at_least_zero("travel_m", wire.travel_m)?,
                 turn_rad: at_least_zero("turn_rad", wire.turn_rad)?,
                 errors: OdometryErrors {
@@ -452,6 +481,7 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
                     eps_ang_rad2: at_least_zero("eps_ang_rad2", wire.eps_ang_rad2)?,
                 },
                 fixes: wire.fixes,
+                refused: wire.fixes_refused,
             },
             trust: wire.trust,
             distance_m: at_least_zero("distance_m", wire.distance_m)?,
@@ -602,6 +632,8 @@ impl From<&MapInfo> for MapInfoWire {
                 + u32::from(info.degraded) * MAP_DEGRADED
                 + u32::from(info.held) * MAP_HELD,
             fixes: info.fixes,
+            fixes_refused: info.fixes_refused,
+            reserved: 0,
         }
     }
 }
@@ -631,6 +663,7 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             degraded: wire.flags & MAP_DEGRADED != 0,
             held: wire.flags & MAP_HELD != 0,
             fixes: wire.fixes,
+            fixes_refused: wire.fixes_refused,
         })
     }
 }
