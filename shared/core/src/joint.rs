@@ -48,6 +48,15 @@ impl Scales {
     pub fn correct(self, measured: Increment) -> Increment {
         measured.corrected(self.lin, self.ang)
     }
+
+    /// What the drive measured when the robot is believed to have made `step`.
+    pub(crate) fn measured(self, step: Increment) -> Increment {
+        Increment {
+            forward_m: step.forward_m / (1.0 - self.lin),
+            lateral_m: step.lateral_m / (1.0 - self.lin),
+            turn_rad: step.turn_rad / (1.0 - self.ang),
+        }
+    }
 }
 
 /// At a pose without doubt.

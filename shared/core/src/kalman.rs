@@ -6,10 +6,7 @@ use crate::angle::wrap_angle;
 use crate::joint::{JointCovariance, tidied};
 use crate::localization::Fix;
 use crate::pose::Pose2;
-use crate::semi_inverse::semi_inverse;
-
-/// Where nobody is in doubt: metres or radians that still count as rounding.
-const SAME: f64 = 1e-6;
+use crate::semi_inverse::{explains, semi_inverse};
 
 /// What a fix says that was not known: how far off the pose was, in what is known of it, and how far that could be.
 #[derive(Debug, Clone)]
@@ -37,9 +34,8 @@ impl Innovation {
         let off = Vector3::new(fix.pose.x - pose.x, fix.pose.y - pose.y, wrap_angle(fix.pose.theta - pose.theta));
         let off = Vector3::from_fn(|i, _| if known[i] { off[i] } else { 0.0 });
         let inverse = semi_inverse(&spread);
-        let unexplained = off - spread * inverse * off;
         let square = (off.transpose() * inverse * off)[0].max(0.0);
-        let sigmas = if unexplained.amax() > SAME { f64::INFINITY } else { square.sqrt() };
+        let sigmas = if explains(&spread, &inverse, &off) { square.sqrt() } else { f64::INFINITY };
         Self { off, sigmas, known, fix: fix_covariance, inverse }
     }
 

@@ -1,9 +1,17 @@
 //! Inverses of covariances that need not have one.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
-/// A pivot that has shrunk to this share of its variance is rounding.
-const NOTHING: f64 = 1e-12;
+/// A pivot that has shrunk to this share of its variance is taken for rounding: divided by less, the rounding of a covariance
+/// would be no longer small.
+const NOTHING: f64 = 1e-8;
+
+/// Whether `off` is, but for rounding, what a covariance `a` with semi-inverse `g` can explain.
+pub(crate) fn explains(a: &Matrix3<f64>, g: &Matrix3<f64>, off: &Vector3<f64>) -> bool {
+    let unexplained = off - a * g * off;
+    // Ten deviations of a direction that is left out, or a micrometre.
+    (0..3).all(|i| unexplained[i].abs() <= 1e-3 * a[(i, i)].max(0.0).sqrt() + 1e-6)
+}
 
 /// A symmetric G with A G A = A for a symmetric, positive semidefinite A: its inverse, if it has one. What is certain (a
 /// variance of zero), or told by the rest, has zeros in its row and column.
@@ -67,7 +75,7 @@ mod tests {
             for i in 0..3 {
                 for j in 0..3 {
                     let scale = (a[(i, i)] * a[(j, j)]).sqrt();
-                    prop_assert!((back - a)[(i, j)].abs() <= 1e-5 * scale, "{} {}", back, a);
+                    prop_assert!((back - a)[(i, j)].abs() <= 1e-3 * scale, "{} {}", back, a);
                 }
             }
         }
