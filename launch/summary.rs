@@ -25,6 +25,10 @@ pub struct Summary {
     pub accepted: u64,
     /// Readings refused, by reason.
     pub refused: Vec<Refused>,
+    /// How often a reading was fused again after a fix.
+    pub remapped: u64,
+    /// Readings that a fix came too late for, or too far off.
+    pub remap_left: u64,
     /// Travelled by odometry, metres.
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
@@ -107,6 +111,8 @@ impl Summary {
             readings: map.verdicts.total(),
             accepted: map.verdicts.get(Verdict::Accepted),
             refused,
+            remapped: map.remapped,
+            remap_left: map.remap_left,
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
@@ -168,6 +174,12 @@ impl fmt::Display for Summary {
         for (i, refused) in self.refused.iter().enumerate() {
             let lead = if i == 0 { "; refused: " } else { ", " };
             write!(f, "{lead}{} {}", refused.readings, refused.reason.replace('_', " "))?;
+        }
+        if self.remapped > 0 {
+            write!(f, "; {} fused again after a fix", self.remapped)?;
+        }
+        if self.remap_left > 0 {
+            write!(f, "; {} not, though a fix came", self.remap_left)?;
         }
         writeln!(f)?;
         if let Some([width_m, height_m]) = self.world_m {

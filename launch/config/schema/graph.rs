@@ -281,6 +281,16 @@ static MAPPER: Section = Section {
             "\"all\" or a list of sonar numbers",
             "sonars that are used: \"all\", or their numbers",
         ),
+        key(
+            "remap",
+            "true or false",
+            "whether a fix has the readings since the last one fused again, where the robot was in hindsight",
+        ),
+        key(
+            "remap_readings_max",
+            "a whole number from 4 to 10000000",
+            "the most readings that are kept for that; what is older stays as it is",
+        ),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

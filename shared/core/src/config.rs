@@ -200,6 +200,10 @@ pub struct MapperConfig {
     pub min_trust: f64,
     /// Sonars that are used.
     pub sonars: SonarSelection,
+    /// Whether a fix has the readings since the last one fused again, where the robot was in hindsight.
+    pub remap: bool,
+    /// The most readings that are kept for that.
+    pub remap_readings_max: u32,
 }
 
 impl Default for MapperConfig {
@@ -215,6 +219,8 @@ impl Default for MapperConfig {
             max_range_m: Limit::Word(LimitWord::Auto),
             min_trust: 0.02,
             sonars: SonarSelection::Word(SonarWord::All),
+            remap: false,
+            remap_readings_max: 50_000,
         }
     }
 }
@@ -267,7 +273,13 @@ impl MapperConfig {
         if let (Limit::Metres(min), Limit::Metres(max)) = (self.min_range_m, self.max_range_m) {
             ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
         }
-        ConfigError::unless(within(self.min_trust, 0.0, 1.0), "min_trust", self.min_trust, "a number from 0 to 1")
+        ConfigError::unless(within(self.min_trust, 0.0, 1.0), "min_trust", self.min_trust, "a number from 0 to 1")?;
+        ConfigError::unless(
+            (4..=10_000_000).contains(&self.remap_readings_max),
+            "remap_readings_max",
+            self.remap_readings_max,
+            "a whole number from 4 to 10000000",
+        )
     }
 }
 
@@ -333,6 +345,8 @@ mod tests {
         assert_eq!(crossed, Some("min_range_m"));
         assert_eq!(mapper_key(|c| c.min_trust = 1.1), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
+        assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
+        assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use crate::kernel::Kernel;
 use crate::noise::NoiseTerms;
 use crate::odometry::Estimate;
 use crate::reading::{Echo, Reading};
+use crate::remap::Journal;
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
 use crate::sensor_model::{Cone, Deviations};
 use crate::verdict::Verdict;
@@ -29,9 +30,11 @@ pub struct GridMapper {
     noise: Noise,
     seed: u64,
     channels: Vec<Option<Channel>>,
-    grid: Grid,
+    pub(crate) grid: Grid,
     kernel: Kernel,
-    dirty: DirtyTiles,
+    pub(crate) dirty: DirtyTiles,
+    /// What a fix may change; none if it may not.
+    pub(crate) journal: Option<Journal>,
 }
 
 impl GridMapper {
@@ -42,12 +45,14 @@ impl GridMapper {
     /// left without a range between its limits.
     pub fn new(mapper: &MapperConfig, noise: Noise, seed: u64, robot: Robot) -> Result<Self, ConfigError> {
         mapper.validate()?;
+        let mut grid = Grid::new(mapper.resolution_m);
         Ok(Self {
             config: mapper.clone(),
             noise,
             seed,
             channels: channels(mapper, &robot)?,
-            grid: Grid::new(mapper.resolution_m),
+            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid)),
+            grid,
             kernel: Kernel::new(mapper.log_odds_prior, mapper.log_odds_max),
             dirty: DirtyTiles::default(),
         })
@@ -68,6 +73,18 @@ impl GridMapper {
     /// Algorithm 1 of the paper, for one reading of ring `sequence`. `estimate` is where the robot was when the
     /// reading was taken (the stamp of its scan plus the reading's own offset), if that is known.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
+        if let Some(journal) = &mut self.journal {
+            journal.make_room(&mut self.grid);
+        }
+        let verdict = self.fuse(sequence, reading, estimate);
+        if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
+            journal.keep(sequence, reading, estimate, verdict);
+        }
+        verdict
+    }
+
+    /// The same, and a fix will not change it.
+    pub(crate) fn fuse(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
         match self.try_integrate(sequence, reading, estimate) {
             Ok(()) => Verdict::Accepted,
             Err(refusal) => refusal,

@@ -141,8 +141,12 @@ pub struct MapInfo {
     pub distance_m: f64,
     /// Lowest and highest known cell.
     pub bounds: Option<(CellIndex, CellIndex)>,
-    /// What became of the readings.
+    /// What became of the readings: the last verdict, where a fix changed it.
     pub verdicts: VerdictCounts,
+    /// How often a reading was fused again after a fix.
+    pub remapped: u64,
+    /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
+    pub remap_left: u64,
     /// Whether the map is finished.
     pub finished: bool,
     /// Whether a reading hardly says anything any more.
@@ -628,6 +632,8 @@ impl From<&MapInfo> for MapInfoWire {
             distance_m: info.distance_m,
             bounds: info.bounds.map_or([0; 4], |(low, high)| [low.i, low.j, high.i, high.j]),
             verdicts,
+            remapped: info.remapped,
+            remap_left: info.remap_left,
             flags: u32::from(info.finished) * FINISHED
                 + u32::from(info.degraded) * MAP_DEGRADED
                 + u32::from(info.held) * MAP_HELD,
@@ -659,6 +665,8 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             bounds: (wire.cells_known > 0)
                 .then_some((CellIndex { i: i_low, j: j_low }, CellIndex { i: i_high, j: j_high })),
             verdicts,
+            remapped: wire.remapped,
+            remap_left: wire.remap_left,
             finished: wire.flags & FINISHED != 0,
             degraded: wire.flags & MAP_DEGRADED != 0,
             held: wire.flags & MAP_HELD != 0,

@@ -229,7 +229,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/3" MapInfoWire {
+    "echogrid/MapInfo/4" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -248,8 +248,12 @@ wire! {
         distance_m: f64,
         /// Lowest cell along x, y, then highest along x, y; all 0 while nothing is known.
         bounds: [i32; 4],
-        /// Readings by verdict code.
+        /// Readings by verdict code: the last verdict, where a fix changed it.
         verdicts: [u64; 16],
+        /// How often a reading was fused again after a fix.
+        remapped: u64,
+        /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
+        remap_left: u64,
         /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds.
         flags: u32,
         /// Absolute fixes so far.

@@ -143,9 +143,9 @@ fn info() -> impl Strategy<Value = MapInfo> {
     });
     let cells = prop::option::of((1_u64.., bounds));
     let flags = any::<([bool; 3], (u32, u32))>();
-    (any::<[u64; 4]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
+    (any::<[u64; 6]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
         |(
-            [revision, scans, occupied, free],
+            [revision, scans, occupied, free, remapped, remap_left],
             cells,
             entropy_bits,
             trust,
@@ -164,6 +164,8 @@ fn info() -> impl Strategy<Value = MapInfo> {
                 distance_m,
                 bounds: cells.map(|(_, bounds)| bounds),
                 verdicts,
+                remapped,
+                remap_left,
                 finished: flags[0],
                 degraded: flags[1],
                 held: flags[2],
