@@ -25,12 +25,18 @@ pub struct Summary {
     pub accepted: u64,
     /// Readings refused, by reason.
     pub refused: Vec<Refused>,
+    /// How often a reading was fused again after a fix.
+    pub remapped: u64,
+    /// Readings that a fix came too late for, or too far off.
+    pub remap_left: u64,
     /// Travelled by odometry, metres.
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
     pub trust: f64,
     /// Absolute localizations.
     pub fixes: u32,
+    /// Absolute localizations that were too far off to be believed.
+    pub fixes_refused: u32,
     /// Width and height of the world, metres; none where the sensor knows no world.
     pub world_m: Option<[f64; 2]>,
     /// Cells by what is known of them.
@@ -105,9 +111,12 @@ impl Summary {
             readings: map.verdicts.total(),
             accepted: map.verdicts.get(Verdict::Accepted),
             refused,
+            remapped: map.remapped,
+            remap_left: map.remap_left,
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
+            fixes_refused: map.fixes_refused,
             world_m: outcome.world.as_ref().map(|world| {
                 let [[x_low, y_low], [x_high, y_high]] = world.bounds_m;
                 [x_high - x_low, y_high - y_low]
@@ -166,6 +175,12 @@ impl fmt::Display for Summary {
             let lead = if i == 0 { "; refused: " } else { ", " };
             write!(f, "{lead}{} {}", refused.readings, refused.reason.replace('_', " "))?;
         }
+        if self.remapped > 0 {
+            write!(f, "; {} fused again after a fix", self.remapped)?;
+        }
+        if self.remap_left > 0 {
+            write!(f, "; {} not, though a fix came", self.remap_left)?;
+        }
         writeln!(f)?;
         if let Some([width_m, height_m]) = self.world_m {
             writeln!(f, "world     {width_m:.1} × {height_m:.1} m")?;
@@ -182,7 +197,11 @@ impl fmt::Display for Summary {
             percent(known.saturating_sub(free).saturating_sub(occupied), known),
         )?;
         write!(f, "trust     {:.3} at the end (weight of a reading; 1: no odometry error)", self.trust)?;
-        writeln!(f, "{}", localized(self.fixes))?;
+        let refused = match self.fixes_refused {
+            0 => String::new(),
+            refused => format!(", refused as too far off {refused}"),
+        };
+        writeln!(f, "{}{refused}", localized(self.fixes))?;
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
         let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;

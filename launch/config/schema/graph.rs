@@ -170,6 +170,11 @@ static LOCALIZATION: Section = Section {
         key("every_s", "a number of seconds", "seconds by the sensor's clock from fix to fix; 0: not by time"),
         key("retry_s", "a number of seconds", "seconds until it is asked again after an answer without a fix"),
         key(
+            "gate_sigmas",
+            "a number of standard deviations",
+            "standard deviations from where the robot should be beyond which a fix is refused; 0: none is",
+        ),
+        key(
             "degraded_trust",
             "a number from 0 to 1",
             "degraded while a reading of 2 m is trusted less; 0.43: where one reading can't make a cell occupied",
@@ -296,6 +301,16 @@ static MAPPER: Section = Section {
             "tempering",
             "a number from 0 to 10",
             "of first_echo: gains are multiplied by (σ of the range without odometry error / with it) to this power",
+        ),
+        key(
+            "remap",
+            "true or false",
+            "whether a fix has the readings since the last one fused again, where the robot was in hindsight",
+        ),
+        key(
+            "remap_readings_max",
+            "a whole number from 4 to 10000000",
+            "the most readings that are kept for that; what is older stays as it is",
         ),
     ],
     probe: probe::<MapperConfig>,

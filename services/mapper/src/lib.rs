@@ -10,11 +10,11 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{
-    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, TileIndex, Verdict, VerdictCounts,
+    GridMapper, MapperConfig, OdometryConfig, Reading, Remapped, RunningSummary, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, MapInfo, Message, TileUpdate, Topic};
-use trajectory::Trajectory;
+use trajectory::{Rectified, Trajectory};
 
 /// What it reads.
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryEstimate, Topic::RangeScan];
@@ -52,7 +52,10 @@ pub struct MapperService {
     /// Scans whose poses are not known yet.
     waiting: VecDeque<Scan>,
     summary: RunningSummary,
+    /// By the last verdict of each reading: a fix may change one.
     counts: VerdictCounts,
+    /// Readings fused again after a fix, and readings that no fix can change any more though one came.
+    remapped: (u64, u64),
     /// By the user.
     paused: bool,
     scans: u64,
@@ -77,6 +80,7 @@ impl MapperService {
             waiting: VecDeque::new(),
             summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
+            remapped: (0, 0),
             paused: false,
             scans: 0,
             revision: 0,
@@ -101,7 +105,27 @@ impl MapperService {
         }
     }
 
+    /// Readings before a fix that came before `stamp_ns` are fused again; tiles get `revision`.
+    fn rectify(&mut self, stamp_ns: u64, revision: u64) {
+        let Some(mapper) = self.mapper.as_mut() else { return };
+        while let Some(Rectified { before, after, .. }) = self.trajectory.fix_before(stamp_ns) {
+            let Remapped { readings, left, verdicts } = mapper.rectify(revision, &before, &after);
+            verdicts.into_iter().for_each(|(before, now)| self.counts.change(before, now));
+            if left > 0 && self.remapped.1 == 0 {
+                tracing::warn!(
+                    readings = left,
+                    "a fix came too late or too far off to rectify readings before it; they stay in the map as they were \
+                     (mapper.remap_readings_max are kept)"
+                );
+            }
+            self.remapped = (self.remapped.0 + readings, self.remapped.1 + left);
+        }
+    }
+
     fn integrate_oldest(&mut self, out: &mut Outbox) {
+        if let Some(Scan { stamp_ns, sequence, .. }) = self.waiting.front() {
+            self.rectify(*stamp_ns, *sequence);
+        }
         let (Some(mapper), Some(scan)) = (self.mapper.as_mut(), self.waiting.pop_front()) else { return };
         let mut verdicts = Vec::with_capacity(scan.readings.len());
         for reading in &scan.readings {
@@ -162,10 +186,13 @@ impl MapperService {
             distance_m: latest.map_or(0.0, |latest| latest.distance_m),
             bounds: summary.bounds,
             verdicts: self.counts,
+            remapped: self.remapped.0,
+            remap_left: self.remapped.1,
             finished,
             degraded: latest.is_some_and(|latest| latest.degraded),
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
+            fixes_refused: latest.map_or(0, |latest| latest.estimate.refused),
         };
         out.send(self.stamp_ns, Message::Info(info));
     }
@@ -202,6 +229,7 @@ impl Service for MapperService {
                 while self.mapper.is_some() && !self.waiting.is_empty() {
                     self.integrate_oldest(out);
                 }
+                self.rectify(u64::MAX, self.revision.saturating_add(1));
                 self.publish_tiles(out);
                 self.publish_info(out, true);
             }

@@ -5,19 +5,39 @@ use std::collections::VecDeque;
 use echogrid_core::Estimate;
 use echogrid_topics::PoseEstimate;
 
+/// A fix, as the mapper sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Rectified {
+    pub(crate) stamp_ns: u64,
+    pub(crate) before: Estimate,
+    pub(crate) after: Estimate,
+}
+
 /// Estimates in the order of their stamps.
 #[derive(Debug, Default)]
 pub(crate) struct Trajectory {
     estimates: VecDeque<(u64, PoseEstimate)>,
+    /// Those that no scan has come after yet.
+    fixes: VecDeque<Rectified>,
 }
 
 impl Trajectory {
     /// Adds the next estimate. One that runs backwards in time is dropped: it could change what was
     /// interpolated already.
     pub(crate) fn push(&mut self, stamp_ns: u64, estimate: PoseEstimate) {
-        if self.estimates.back().is_none_or(|(last_ns, _)| stamp_ns >= *last_ns) {
-            self.estimates.push_back((stamp_ns, estimate));
+        let last = self.estimates.back();
+        if last.is_some_and(|(last_ns, _)| stamp_ns < *last_ns) {
+            return;
         }
+        if let Some((_, last)) = last.filter(|(_, last)| last.estimate.fixes != estimate.estimate.fixes) {
+            self.fixes.push_back(Rectified { stamp_ns, before: last.estimate, after: estimate.estimate });
+        }
+        self.estimates.push_back((stamp_ns, estimate));
+    }
+
+    /// The oldest fix before `stamp_ns`; it is given once.
+    pub(crate) fn fix_before(&mut self, stamp_ns: u64) -> Option<Rectified> {
+        self.fixes.front().is_some_and(|fix| fix.stamp_ns < stamp_ns).then(|| self.fixes.pop_front()).flatten()
     }
 
     /// Whether the pose at `stamp_ns` can be told, or never will be better.
@@ -99,6 +119,18 @@ mod tests {
         assert_eq!([x(150), x(200), x(201), x(250)], [Some(0.5), Some(1.0), Some(11.01), Some(11.5)]);
         trajectory.forget_before(250);
         assert_eq!(trajectory.at(201).map(|(estimate, _)| estimate.pose.x), Some(11.01));
+    }
+
+    #[test]
+    fn a_fix_is_given_once_to_the_first_scan_after_it() {
+        let mut trajectory = trajectory(&[(100, 0.0), (200, 1.0)]);
+        let fixed = Estimate { fixes: 1, ..Estimate::certain(Pose2::new(5.0, 0.0, 0.0)) };
+        trajectory.push(200, PoseEstimate { estimate: fixed, ..at_x(5.0) });
+        trajectory.push(300, PoseEstimate { estimate: fixed, ..at_x(6.0) });
+        assert_eq!(trajectory.fix_before(200), None);
+        let fix = trajectory.fix_before(201).unwrap();
+        assert_eq!((fix.stamp_ns, fix.before.pose.x, fix.after.pose.x), (200, 1.0, 5.0));
+        assert_eq!(trajectory.fix_before(u64::MAX), None);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use echogrid_core::localization::{Fix, FixError};
-use echogrid_core::{Estimate, Odometry, Pose2};
+use echogrid_core::{Estimate, Gate, Odometry, Pose2};
 
 /// Poses that are remembered: 20 s at 100 Hz.
 const REMEMBERED: usize = 2048;
@@ -14,6 +14,15 @@ struct Moment {
     odom_from_base: Pose2,
     /// The odometry after this pose.
     after: Odometry,
+}
+
+/// What a fix has made of the odometry.
+#[derive(Debug)]
+pub(crate) struct Applied {
+    pub(crate) odometry: Odometry,
+    /// At the latest pose.
+    pub(crate) estimate: Estimate,
+    pub(crate) refused: Option<FixError>,
 }
 
 /// The latest poses, and the odometry after each.
@@ -36,11 +45,12 @@ impl History {
     }
 
     /// Applies a fix that was true at `fix_ns`, not after the latest pose, and goes the way since once more. The odometry
-    /// as it is then, and its estimate at the latest pose.
+    /// as it is then, its estimate at the latest pose, and why the fix was refused if `gate` did so.
     ///
     /// # Errors
-    /// The fix can't be one, or what it corrects is forgotten.
-    pub(crate) fn apply(&mut self, fix_ns: u64, fix: &Fix) -> Result<(Odometry, Estimate), FixError> {
+    /// The fix can't be one, or what it corrects is forgotten: nothing has changed.
+    pub(crate) fn apply(&mut self, fix_ns: u64, fix: &Fix, gate: Gate) -> Result<Applied, FixError> {
+        fix.validate()?;
         let later = self.moments.partition_point(|moment| moment.stamp_ns <= fix_ns);
         let too_old = || FixError {
             field: "stamp_ns",
@@ -53,7 +63,11 @@ impl History {
             let fraction = (fix_ns - at.stamp_ns) as f64 / (next.stamp_ns - at.stamp_ns) as f64;
             odometry.step(at.odom_from_base.interpolate(next.odom_from_base, fraction));
         }
-        let mut estimate = odometry.apply(fix)?;
+        let (mut estimate, refused) = match odometry.apply(fix, gate) {
+            Ok(estimate) => (estimate, None),
+            // That it was refused is remembered, too.
+            Err(error) => (odometry.estimate().ok_or_else(too_old)?, Some(error)),
+        };
         let first = if at.stamp_ns == fix_ns { later - 1 } else { later };
         for (index, moment) in self.moments.iter_mut().enumerate().skip(first) {
             if index >= later {
@@ -61,7 +75,7 @@ impl History {
             }
             moment.after = odometry.clone();
         }
-        Ok((odometry, estimate))
+        Ok(Applied { odometry, estimate, refused })
     }
 }
 
@@ -70,6 +84,8 @@ mod tests {
     use echogrid_core::OdometryConfig;
 
     use super::*;
+
+    const OPEN: Gate = Gate { sigmas: 5.0, refuses: false };
 
     /// 1 m every 100 ns along x, believed to be at y = 0.
     fn history(poses: u64) -> (History, Odometry) {
@@ -87,7 +103,7 @@ mod tests {
     fn a_fix_at_the_latest_pose_is_the_estimate() {
         let (mut history, _) = history(4);
         let fix = Fix::certain(Pose2::new(3.0, 1.0, 0.0));
-        let (mut odometry, estimate) = history.apply(300, &fix).unwrap();
+        let Applied { mut odometry, estimate, .. } = history.apply(300, &fix, OPEN).unwrap();
         assert_eq!(estimate, Estimate { fixes: 1, ..Estimate::certain(fix.pose) });
         assert_eq!(odometry.step(Pose2::new(4.0, 0.0, 0.0)).pose, Pose2::new(4.0, 1.0, 0.0));
     }
@@ -95,22 +111,37 @@ mod tests {
     #[test]
     fn a_late_fix_is_as_good_as_one_in_time() {
         let (mut late, _) = history(10);
-        let (_, estimate) = late.apply(300, &Fix::certain(Pose2::new(3.0, 1.0, 0.0))).unwrap();
+        let Applied { estimate, .. } = late.apply(300, &Fix::certain(Pose2::new(3.0, 1.0, 0.0)), OPEN).unwrap();
         assert_eq!((estimate.pose, estimate.travel_m), (Pose2::new(9.0, 1.0, 0.0), 6.0));
         // Between two poses: the rest of the step counts.
         let (mut between, _) = history(10);
-        let (_, estimate) = between.apply(350, &Fix::certain(Pose2::new(3.5, 1.0, 0.0))).unwrap();
+        let Applied { estimate, .. } = between.apply(350, &Fix::certain(Pose2::new(3.5, 1.0, 0.0)), OPEN).unwrap();
         assert_eq!((estimate.pose, estimate.travel_m), (Pose2::new(9.0, 1.0, 0.0), 5.5));
         // A second one, before the first: what was remembered is as if both had come in order.
-        let (_, estimate) = between.apply(600, &Fix::certain(Pose2::new(6.0, 2.0, 0.0))).unwrap();
+        let Applied { estimate, .. } = between.apply(600, &Fix::certain(Pose2::new(6.0, 2.0, 0.0)), OPEN).unwrap();
         assert_eq!((estimate.pose, estimate.fixes), (Pose2::new(9.0, 2.0, 0.0), 2));
+    }
+
+    #[test]
+    fn what_was_refused_is_remembered() {
+        let (mut history, _) = history(10);
+        history.apply(100, &Fix::certain(Pose2::new(1.0, 0.0, 0.0)), OPEN).unwrap();
+        for stamp_ns in [300, 450] {
+            let far = Fix::about(Pose2::new(stamp_ns as f64 / 100.0, 9.0, 0.0), 0.01, 0.01);
+            let Applied { estimate, refused, .. } = history.apply(stamp_ns, &far, Gate::closed(5.0)).unwrap();
+            assert!(refused.is_some() && estimate.pose.distance_m(Pose2::new(9.0, 0.0, 0.0)) < 1e-9);
+        }
+        let third = Fix::about(Pose2::new(6.0, 9.0, 0.0), 0.01, 0.01);
+        let Applied { estimate, refused, .. } = history.apply(600, &third, Gate::closed(5.0)).unwrap();
+        assert!(refused.is_none() && estimate.pose.distance_m(Pose2::new(9.0, 9.0, 0.0)) < 1e-9);
+        assert_eq!((estimate.fixes, estimate.refused), (2, 2));
     }
 
     #[test]
     fn what_is_forgotten_can_not_be_corrected() {
         let (mut history, _) = history(REMEMBERED as u64 + 10);
-        assert_eq!(history.apply(900, &Fix::certain(Pose2::IDENTITY)).unwrap_err().field, "stamp_ns");
-        assert!(history.apply(1000, &Fix::certain(Pose2::IDENTITY)).is_ok());
-        assert!(History::default().apply(0, &Fix::certain(Pose2::IDENTITY)).is_err());
+        assert_eq!(history.apply(900, &Fix::certain(Pose2::IDENTITY), OPEN).unwrap_err().field, "stamp_ns");
+        assert!(history.apply(1000, &Fix::certain(Pose2::IDENTITY), OPEN).is_ok());
+        assert!(History::default().apply(0, &Fix::certain(Pose2::IDENTITY), OPEN).is_err());
     }
 }

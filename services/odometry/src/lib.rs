@@ -8,10 +8,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::localization::{Asking, Choice, Fix};
-use echogrid_core::{Estimate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
+use echogrid_core::{Estimate, Gate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
-use history::History;
+use history::{Applied, History};
 use nominal::NominalSensor;
 
 /// What it reads.
@@ -92,7 +92,7 @@ impl OdometryService {
         let told = self.tell(stamp_ns, estimate, out);
         if let Some((fix_ns, fix)) = self.early.filter(|(fix_ns, _)| *fix_ns <= stamp_ns) {
             self.early = None;
-            self.rectify(fix_ns, &fix, out);
+            self.rectify(fix_ns, &fix, self.gate(), out);
         } else {
             self.ask(stamp_ns, told, out);
         }
@@ -140,28 +140,39 @@ impl OdometryService {
                     asking.failed(latest_ns.unwrap_or(stamp_ns));
                 }
             }
-            (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.rectify(stamp_ns, &fix, out),
+            (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.rectify(stamp_ns, &fix, self.gate(), out),
             (Some(fix), _) => self.early = Some((stamp_ns, fix)),
         }
     }
 
+    /// For whoever is not the user.
+    fn gate(&self) -> Gate {
+        Gate::closed(self.config.gate_sigmas)
+    }
+
     /// Applies a fix when it was true, and publishes what that makes of the present.
-    fn rectify(&mut self, fix_ns: u64, fix: &Fix, out: &mut Outbox) {
-        let rectified = self.history.apply(fix_ns, fix);
+    fn rectify(&mut self, fix_ns: u64, fix: &Fix, gate: Gate, out: &mut Outbox) {
+        let applied = self.history.apply(fix_ns, fix, gate);
         let now_ns = self.history.latest_ns().unwrap_or(fix_ns);
-        match rectified {
-            Ok((odometry, estimate)) => {
+        let refused = match applied {
+            Ok(Applied { odometry, estimate, refused }) => {
                 self.odometry = odometry;
-                if let Some(asking) = &mut self.asking {
-                    asking.fixed(now_ns, self.distance_m);
+                if refused.is_none() {
+                    self.tell(now_ns, estimate, out);
                 }
-                self.tell(now_ns, estimate, out);
+                self.estimate = Some(estimate);
+                refused
             }
-            Err(error) => {
-                tracing::warn!(%error, "localization refused");
-                if let Some(asking) = &mut self.asking {
-                    asking.failed(now_ns);
-                }
+            Err(error) => Some(error),
+        };
+        if let Some(error) = &refused {
+            tracing::warn!(%error, "localization refused");
+        }
+        if let Some(asking) = &mut self.asking {
+            if refused.is_some() {
+                asking.failed(now_ns);
+            } else {
+                asking.fixed(now_ns, self.distance_m);
             }
         }
     }
@@ -199,7 +210,7 @@ impl Service for OdometryService {
         fix.validate()?;
         let Some(now_ns) = self.history.latest_ns() else { bail!("no odometry has come yet that could be rectified") };
         let before = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
-        self.rectify(now_ns, &fix, out);
+        self.rectify(now_ns, &fix, Gate::open(), out);
         let after = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
         Ok(format!(
             "localized, {:.2} m and {:.1}° from where the robot was believed to be",
@@ -274,6 +285,27 @@ mod tests {
             assert_eq!(drive(&mut service, index).len(), 1, "{index}");
         }
         assert!(matches!(drive(&mut service, 20).as_slice(), [Message::Estimate(_), Message::Request(_)]));
+    }
+
+    #[test]
+    fn a_fix_that_can_not_be_is_refused_and_asked_for_again() {
+        let mut service = service(&every_metre());
+        (0..=10).for_each(|index| drop(drive(&mut service, index)));
+        let fix = |x: f64, y: f64| Some(Fix::about(Pose2::new(x, y, 0.0), 0.01, 0.01));
+        assert_eq!(give(&mut service, 10 * TENTH, answer(1, fix(1.0, 0.0))).len(), 1);
+        (11..=20).for_each(|index| drop(drive(&mut service, index)));
+        // Elsewhere: nothing is told, and it is asked again, once a second.
+        assert!(give(&mut service, 20 * TENTH, answer(2, fix(2.0, 3.0))).is_empty());
+        let next = drive(&mut service, 21);
+        let [Message::Estimate(next)] = next.as_slice() else { panic!("{next:?}") };
+        assert_eq!((next.estimate.fixes, next.estimate.refused), (1, 1));
+        assert!(next.estimate.pose.y.abs() < 0.01);
+        (22..=30).for_each(|index| drop(drive(&mut service, index)));
+        assert!(give(&mut service, 30 * TENTH, answer(3, fix(3.0, 3.0))).is_empty());
+        (31..=40).for_each(|index| drop(drive(&mut service, index)));
+        let found = give(&mut service, 40 * TENTH, answer(4, fix(4.0, 3.0)));
+        let [Message::Estimate(found)] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!((found.estimate.pose.y, found.estimate.fixes, found.estimate.refused), (3.0, 2, 2));
     }
 
     #[test]

@@ -226,6 +226,10 @@ pub struct MapperConfig {
     pub echo_lost: f64,
     /// τ of first_echo: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
     pub tempering: f64,
+    /// Whether a fix has the readings since the last one fused again, where the robot was in hindsight.
+    pub remap: bool,
+    /// The most readings that are kept for that.
+    pub remap_readings_max: u32,
 }
 
 impl Default for MapperConfig {
@@ -248,6 +252,8 @@ impl Default for MapperConfig {
             echo_clutter: 0.4,
             echo_lost: 0.9,
             tempering: 0.5,
+            remap: false,
+            remap_readings_max: 50_000,
         }
     }
 }
@@ -314,7 +320,13 @@ impl MapperConfig {
         probability("echo_detection", self.echo_detection)?;
         probability("echo_clutter", self.echo_clutter)?;
         probability("echo_lost", self.echo_lost)?;
-        ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")
+        ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")?;
+        ConfigError::unless(
+            (4..=10_000_000).contains(&self.remap_readings_max),
+            "remap_readings_max",
+            self.remap_readings_max,
+            "a whole number from 4 to 10000000",
+        )
     }
 }
 
@@ -380,6 +392,8 @@ mod tests {
         assert_eq!(crossed, Some("min_range_m"));
         assert_eq!(mapper_key(|c| c.min_trust = 1.1), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
+        assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
+        assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));
     }
 
     #[test]

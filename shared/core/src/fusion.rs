@@ -23,6 +23,8 @@ pub(crate) struct Sounding<'a> {
     pub(crate) range_m: Option<f64>,
     /// Where the robot was; finite.
     pub(crate) estimate: &'a Estimate,
+    /// How much of it is new, if that was told when it was fused before.
+    pub(crate) news: Option<f64>,
 }
 
 /// Fuses readings into a grid by the rule of the configuration.
@@ -48,7 +50,7 @@ impl Fuser {
         }
     }
 
-    /// Every cell of the cone of a reading (eq 20).
+    /// Every cell of the cone of a reading (eq 20); how much of the reading was new, in (0, 1].
     ///
     /// # Errors
     /// The verdict, where it is not trusted or leaves the map; nothing is changed then.
@@ -57,7 +59,7 @@ impl Fuser {
         grid: &mut Grid,
         dirty: &mut DirtyTiles,
         sounding: &Sounding<'_>,
-    ) -> Result<(), Verdict> {
+    ) -> Result<f64, Verdict> {
         let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
         // How far to trust it (eqs 22, 23)
         let deviations = self.deviations(sounding);
@@ -66,7 +68,8 @@ impl Fuser {
             return Err(Verdict::Untrusted);
         }
         let map_from_transducer = estimate.pose * sensor.base_from_transducer;
-        let news = self.novelty.of(transducer, map_from_transducer, self.config.novelty_m);
+        let of_now = || self.novelty.of(transducer, map_from_transducer, self.config.novelty_m);
+        let news = sounding.news.unwrap_or_else(of_now);
         let added = match self.config.fusion {
             Fusion::Paper | Fusion::Covariance => {
                 let cone = self.cone(sounding, deviations, news);
@@ -77,7 +80,7 @@ impl Fuser {
                 self.first_echo.add(grid, dirty, map_from_transducer, &cone, sequence)
             }
         };
-        added.map_err(|_| Verdict::OffMap)
+        added.map(|()| news).map_err(|_| Verdict::OffMap)
     }
 
     fn deviations(&self, sounding: &Sounding<'_>) -> Deviations {
@@ -158,7 +161,8 @@ mod tests {
             let mut estimate = Estimate::certain(Pose2::new(0.0, 0.0, heading_rad));
             estimate.covariance[(0, 0)] = 1.0;
             let range_m = Some(2.0);
-            let sounding = Sounding { sequence: 1, transducer: 0, sensor: &sensor, range_m, estimate: &estimate };
+            let sounding =
+                Sounding { sequence: 1, transducer: 0, sensor: &sensor, range_m, estimate: &estimate, news: None };
             fuser.deviations(&sounding)
         };
         let (along, across) = (deviations(0.0), deviations(core::f64::consts::FRAC_PI_2));

@@ -108,13 +108,15 @@ impl Default for Tile {
 pub struct Grid {
     resolution_m: f64,
     tiles: BTreeMap<TileIndex, Tile>,
+    /// Each tile that changed since, as it had been; none: it did not exist.
+    saved: Option<BTreeMap<TileIndex, Option<Tile>>>,
 }
 
 impl Grid {
     /// An empty grid: every cell unknown. `resolution_m` is the side of a cell.
     #[must_use]
     pub fn new(resolution_m: f64) -> Self {
-        Self { resolution_m, tiles: BTreeMap::new() }
+        Self { resolution_m, tiles: BTreeMap::new(), saved: None }
     }
 
     /// Side of a cell, metres.
@@ -155,7 +157,20 @@ impl Grid {
 
     /// One tile to write to; created unknown if absent.
     pub fn tile_mut(&mut self, index: TileIndex) -> &mut Tile {
+        if let Some(saved) = &mut self.saved {
+            saved.entry(index).or_insert_with(|| self.tiles.get(&index).cloned());
+        }
         self.tiles.entry(index).or_default()
+    }
+
+    /// From now on each tile is saved before it is written to for the first time; what was saved before is forgotten.
+    pub(crate) fn save_changes(&mut self) {
+        self.saved = Some(BTreeMap::new());
+    }
+
+    /// What was saved: each tile that changed, as it had been, or none if it did not exist. Nothing more is saved.
+    pub(crate) fn take_saved(&mut self) -> BTreeMap<TileIndex, Option<Tile>> {
+        self.saved.take().unwrap_or_default()
     }
 
     /// How many tiles there are.

@@ -7,75 +7,126 @@
 use nalgebra::{Matrix3, SMatrix, SVector};
 
 use crate::config::{OdometryConfig, Systematic};
-use crate::localization::Fix;
 use crate::odometry::Increment;
 use crate::pose::Pose2;
 
-type Matrix5 = SMatrix<f64, 5, 5>;
-
 /// Covariance of (x, y, θ, scale of translation, scale of rotation); m, rad, 1.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Joint(Matrix5);
+pub type JointCovariance = SMatrix<f64, 5, 5>;
 
-impl Joint {
-    /// At a pose without doubt.
-    pub(crate) fn certain(config: &OdometryConfig) -> Self {
-        let square = |scale: f64| if config.systematic == Systematic::Carry { scale * scale } else { 0.0 };
-        let variances = [0.0, 0.0, 0.0, square(config.lin_scale), square(config.ang_scale)];
-        Self(Matrix5::from_diagonal(&SVector::from(variances)))
-    }
+/// No drive is farther off than this share of what it measures.
+const SCALE_MAX: f64 = 0.5;
 
-    /// Of (x, y, θ) alone.
-    pub(crate) fn pose(&self) -> Matrix3<f64> {
-        self.0.fixed_view::<3, 3>(0, 0).into_owned()
-    }
+/// What the drive is believed to measure too much, as a share of what it measures: 0.03 where 1 m is 0.97 m in truth.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Scales {
+    /// Of translation.
+    pub lin: f64,
+    /// Of rotation.
+    pub ang: f64,
+}
 
-    /// After a step from `pose`: C ← J C Jᵀ + B diag(ε_lin, ε_ang) Bᵀ, with J and B the Jacobians of the mid-point rule for a
-    /// step of (1 − s_l) Δl and (1 − s_θ) Δθ.
-    ///
-    /// A sideways step, which no differential drive makes, adds κ_ll per metre across the heading.
-    pub(crate) fn moved(&self, config: &OdometryConfig, pose: Pose2, increment: Increment) -> Self {
-        let Increment { forward_m: f, lateral_m: l, turn_rad } = increment;
-        let (s, c) = libm::sincos(pose.theta + 0.5 * turn_rad);
-        let (dx, dy) = (f * c - l * s, f * s + l * c);
-        let turn = turn_rad.abs();
-        let noise = SVector::from([
-            config.k_ll * f.abs() + config.k_lt * turn,
-            config.k_ll * l.abs(),
-            config.k_tt * turn + config.k_tl * increment.length_m(),
-        ]);
-        let mut j = Matrix5::identity();
-        (j[(0, 2)], j[(1, 2)]) = (-dy, dx);
-        (j[(0, 3)], j[(1, 3)]) = (-dx, -dy);
-        (j[(0, 4)], j[(1, 4)], j[(2, 4)]) = (0.5 * turn_rad * dy, -0.5 * turn_rad * dx, -turn_rad);
-        let mut b = SMatrix::<f64, 5, 3>::zeros();
-        (b[(0, 0)], b[(1, 0)]) = (c, s);
-        (b[(0, 1)], b[(1, 1)]) = (-s, c);
-        (b[(0, 2)], b[(1, 2)], b[(2, 2)]) = (-0.5 * dy, 0.5 * dx, 1.0);
-        let moved = j * self.0 * j.transpose() + b * Matrix3::from_diagonal(&noise) * b.transpose();
-        // Rounding must not make it lopsided over a long run.
-        Self((moved + moved.transpose()) * 0.5)
-    }
-
-    /// After a fix: what it knows is as well known as it says, and has nothing to do any more with how the rest was off.
-    pub(crate) fn fixed(&self, fix: &Fix) -> Self {
-        let known = [fix.position_known, fix.position_known, fix.heading_known, false, false];
-        let mut fixed = self.0;
-        for row in 0..5 {
-            for column in 0..5 {
-                match (known[row], known[column]) {
-                    (true, true) => fixed[(row, column)] = fix.covariance[(row, column)],
-                    (false, false) => {}
-                    _ => fixed[(row, column)] = 0.0,
-                }
-            }
+impl Scales {
+    /// Before the first fix: what is to be corrected.
+    pub(crate) fn of(config: &OdometryConfig) -> Self {
+        match config.systematic {
+            Systematic::Correct => Self { lin: config.lin_scale, ang: config.ang_scale },
+            Systematic::Carry | Systematic::Off => Self::default(),
         }
-        Self(fixed)
     }
+
+    /// After a fix that taught so much.
+    pub(crate) fn taught(self, lin: f64, ang: f64) -> Self {
+        let within = |before: f64, gained: f64| {
+            let limit = SCALE_MAX.max(before.abs());
+            (before + gained).clamp(-limit, limit)
+        };
+        Self { lin: within(self.lin, lin), ang: within(self.ang, ang) }
+    }
+
+    /// The step that the robot is believed to have made when its drive measured `measured`.
+    #[must_use]
+    pub fn correct(self, measured: Increment) -> Increment {
+        measured.corrected(self.lin, self.ang)
+    }
+
+    /// What the drive measured when the robot is believed to have made `step`.
+    pub(crate) fn measured(self, step: Increment) -> Increment {
+        Increment {
+            forward_m: step.forward_m / (1.0 - self.lin),
+            lateral_m: step.lateral_m / (1.0 - self.lin),
+            turn_rad: step.turn_rad / (1.0 - self.ang),
+        }
+    }
+}
+
+/// At a pose without doubt.
+pub(crate) fn certain(config: &OdometryConfig) -> JointCovariance {
+    let square = |scale: f64| if config.systematic == Systematic::Carry { scale * scale } else { 0.0 };
+    let variances = [0.0, 0.0, 0.0, square(config.lin_scale), square(config.ang_scale)];
+    JointCovariance::from_diagonal(&SVector::from(variances))
+}
+
+/// J: how the state after a step from `pose` depends on the state before it, by the mid-point rule for a step of
+/// (1 − s_l) Δl and (1 − s_θ) Δθ.
+pub(crate) fn jacobian(pose: Pose2, scales: Scales, measured: Increment) -> JointCovariance {
+    let step = scales.correct(measured);
+    let (s, c) = libm::sincos(pose.theta + 0.5 * step.turn_rad);
+    let across = |of: Increment| (of.forward_m * c - of.lateral_m * s, of.forward_m * s + of.lateral_m * c);
+    let (dx, dy) = across(step);
+    let (measured_dx, measured_dy) = across(measured);
+    let turn_rad = measured.turn_rad;
+    let mut j = JointCovariance::identity();
+    (j[(0, 2)], j[(1, 2)]) = (-dy, dx);
+    (j[(0, 3)], j[(1, 3)]) = (-measured_dx, -measured_dy);
+    (j[(0, 4)], j[(1, 4)], j[(2, 4)]) = (0.5 * turn_rad * dy, -0.5 * turn_rad * dx, -turn_rad);
+    j
+}
+
+/// After a step from `pose`: C ← J C Jᵀ + B diag(ε_lin, ε_ang) Bᵀ, with J and B the Jacobians of the mid-point rule.
+///
+/// A sideways step, which no differential drive makes, adds κ_ll per metre across the heading.
+pub(crate) fn moved(
+    covariance: &JointCovariance,
+    config: &OdometryConfig,
+    pose: Pose2,
+    scales: Scales,
+    measured: Increment,
+) -> JointCovariance {
+    let step = scales.correct(measured);
+    let Increment { forward_m: f, lateral_m: l, turn_rad } = step;
+    let (s, c) = libm::sincos(pose.theta + 0.5 * turn_rad);
+    let (dx, dy) = (f * c - l * s, f * s + l * c);
+    let turn = turn_rad.abs();
+    let noise = SVector::from([
+        config.k_ll * f.abs() + config.k_lt * turn,
+        config.k_ll * l.abs(),
+        config.k_tt * turn + config.k_tl * step.length_m(),
+    ]);
+    let j = jacobian(pose, scales, measured);
+    let mut b = SMatrix::<f64, 5, 3>::zeros();
+    (b[(0, 0)], b[(1, 0)]) = (c, s);
+    (b[(0, 1)], b[(1, 1)]) = (-s, c);
+    (b[(0, 2)], b[(1, 2)], b[(2, 2)]) = (-0.5 * dy, 0.5 * dx, 1.0);
+    let moved = j * covariance * j.transpose() + b * Matrix3::from_diagonal(&noise) * b.transpose();
+    tidied(moved)
+}
+
+/// What rounding has made lopsided or, next to certain, negative is neither.
+pub(crate) fn tidied(covariance: JointCovariance) -> JointCovariance {
+    let mut tidy = (covariance + covariance.transpose()) * 0.5;
+    for index in 0..5 {
+        if tidy[(index, index)] <= 0.0 {
+            tidy.fill_row(index, 0.0);
+            tidy.fill_column(index, 0.0);
+        }
+    }
+    tidy
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::angle::wrap_angle;
     use crate::noise::standard_normal_pair;
@@ -95,9 +146,9 @@ mod tests {
     fn many_drives_spread_as_it_says() {
         for systematic in [Systematic::Off, Systematic::Carry] {
             let config = OdometryConfig { systematic, lin_scale: 0.03, ang_scale: 0.03, ..OdometryConfig::default() };
-            let (mut pose, mut joint) = (Pose2::IDENTITY, Joint::certain(&config));
+            let (mut pose, mut covariance) = (Pose2::IDENTITY, certain(&config));
             for index in 0..STEPS {
-                joint = joint.moved(&config, pose, step(index));
+                covariance = moved(&covariance, &config, pose, Scales::default(), step(index));
                 pose = move_by(pose, step(index));
             }
             let carried = f64::from(u8::from(systematic == Systematic::Carry));
@@ -123,7 +174,7 @@ mod tests {
                 let off = nalgebra::Vector3::new(end.x - pose.x, end.y - pose.y, wrap_angle(end.theta - pose.theta));
                 spread += off * off.transpose() / f64::from(DRIVES);
             }
-            let said = joint.pose();
+            let said = covariance;
             for row in 0..3 {
                 for column in 0..3 {
                     // Five standard errors of a sampled covariance, and 2 % for what the Jacobians leave out.
@@ -147,16 +198,41 @@ mod tests {
             k_tl: 0.0,
             ..OdometryConfig::default()
         };
-        let mut joint = Joint::certain(&config);
+        let mut covariance = certain(&config);
         for metre in 1..=10 {
-            joint = joint.moved(&config, Pose2::IDENTITY, Increment { forward_m: 1.0, ..Increment::default() });
+            let ahead = Increment { forward_m: 1.0, ..Increment::default() };
+            covariance = moved(&covariance, &config, Pose2::IDENTITY, Scales::default(), ahead);
             let expected = (0.1 * f64::from(metre)) * (0.1 * f64::from(metre));
-            assert!((joint.pose()[(0, 0)] - expected).abs() < 1e-12);
+            assert!((covariance[(0, 0)] - expected).abs() < 1e-12);
         }
-        // The scale outlives a fix; the place does not remember it.
-        joint = joint.fixed(&Fix::certain(Pose2::IDENTITY));
-        assert_eq!(joint.pose(), Matrix3::zeros());
-        joint = joint.moved(&config, Pose2::IDENTITY, Increment { forward_m: 1.0, ..Increment::default() });
-        assert!((joint.pose()[(0, 0)] - 0.01).abs() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn the_jacobian_is_that_of_the_step(
+            theta in -3.0..3.0f64, f in -0.5..0.5f64, l in -0.5..0.5f64, turn_rad in -1.0..1.0f64,
+            lin in -0.3..0.3f64, ang in -0.3..0.3f64,
+        ) {
+            const H: f64 = 1e-6;
+            let measured = Increment { forward_m: f, lateral_m: l, turn_rad };
+            let end = |state: [f64; 5]| {
+                let [x, y, theta, lin, ang] = state;
+                let end = move_by(Pose2 { x, y, theta }, Scales { lin, ang }.correct(measured));
+                [end.x, end.y, end.theta]
+            };
+            let j = jacobian(Pose2::new(1.0, 2.0, theta), Scales { lin, ang }, measured);
+            for column in 0..5 {
+                let moved = |h: f64| {
+                    let mut state = [1.0, 2.0, theta, lin, ang];
+                    state[column] += h;
+                    end(state)
+                };
+                let (up, down) = (moved(H), moved(-H));
+                for row in 0..3 {
+                    let slope = if row == 2 { wrap_angle(up[2] - down[2]) } else { up[row] - down[row] } / (2.0 * H);
+                    prop_assert!((j[(row, column)] - slope).abs() < 1e-6, "{} {}", row, column);
+                }
+            }
+        }
     }
 }

@@ -6,6 +6,7 @@ use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::config::ConfigError;
+use crate::gate::Gate;
 use crate::pose::Pose2;
 
 /// Yes, no, or as the graph suggests.
@@ -64,6 +65,8 @@ pub struct LocalizationConfig {
     pub every_s: f64,
     /// After an answer that holds no fix: not before so many seconds have passed.
     pub retry_s: f64,
+    /// A fix is refused that is farther off than so many standard deviations; 0: none is.
+    pub gate_sigmas: f64,
     /// The state is degraded while the trust of a nominal reading is below this.
     pub degraded_trust: f64,
     /// Whether mapping holds while degraded. Auto: if somebody is asked then to mend it.
@@ -79,6 +82,7 @@ impl Default for LocalizationConfig {
             every_m: 0.0,
             every_s: 0.0,
             retry_s: 1.0,
+            gate_sigmas: Gate::DEFAULT_SIGMAS,
             // (0.65 − ½) / (0.85 − ½): below, one reading can't make an undecided cell occupied.
             degraded_trust: 0.43,
             hold: Choice::Auto,
@@ -111,6 +115,8 @@ impl LocalizationConfig {
             "metres above 0, or seconds above 0 in every_s, where ask is \"schedule\" or \"both\"",
         )?;
         ConfigError::unless(amount(self.retry_s), "retry_s", self.retry_s, "seconds, 0 or more")?;
+        const SIGMAS: &str = "standard deviations, 0 or more";
+        ConfigError::unless(amount(self.gate_sigmas), "gate_sigmas", self.gate_sigmas, SIGMAS)?;
         let share = (0.0..=1.0).contains(&self.degraded_trust);
         ConfigError::unless(share, "degraded_trust", self.degraded_trust, "a number from 0 to 1")
     }
@@ -318,6 +324,7 @@ mod tests {
         assert_eq!(key(config(Ask::Degraded, f64::NAN)), "every_m");
         assert_eq!(key(LocalizationConfig { every_s: -1.0, ..config(Ask::Never, 0.0) }), "every_s");
         assert_eq!(key(LocalizationConfig { retry_s: f64::INFINITY, ..config(Ask::Never, 0.0) }), "retry_s");
+        assert_eq!(key(LocalizationConfig { gate_sigmas: -1.0, ..config(Ask::Never, 0.0) }), "gate_sigmas");
         assert_eq!(key(LocalizationConfig { degraded_trust: 1.5, ..config(Ask::Never, 0.0) }), "degraded_trust");
     }
 

@@ -5,6 +5,7 @@ use crate::fusion::{Fuser, Sounding};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
 use crate::odometry::Estimate;
 use crate::reading::{Echo, Reading};
+use crate::remap::Journal;
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
 use crate::verdict::Verdict;
 
@@ -25,9 +26,11 @@ struct Channel {
 pub struct GridMapper {
     config: MapperConfig,
     channels: Vec<Option<Channel>>,
-    grid: Grid,
+    pub(crate) grid: Grid,
     fuser: Fuser,
-    dirty: DirtyTiles,
+    pub(crate) dirty: DirtyTiles,
+    /// What a fix may change; none if it may not.
+    pub(crate) journal: Option<Journal>,
 }
 
 impl GridMapper {
@@ -38,11 +41,13 @@ impl GridMapper {
     /// left without a range between its limits.
     pub fn new(mapper: &MapperConfig, noise: Noise, seed: u64, robot: Robot) -> Result<Self, ConfigError> {
         mapper.validate()?;
+        let mut grid = Grid::new(mapper.resolution_m);
         Ok(Self {
             config: mapper.clone(),
             channels: channels(mapper, &robot)?,
-            grid: Grid::new(mapper.resolution_m),
             fuser: Fuser::new(mapper, noise, seed),
+            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid)),
+            grid,
             dirty: DirtyTiles::default(),
         })
     }
@@ -62,13 +67,25 @@ impl GridMapper {
     /// Algorithm 1 of the paper, for one reading of ring `sequence`. `estimate` is where the robot was when the
     /// reading was taken (the stamp of its scan plus the reading's own offset), if that is known.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
-        match self.try_integrate(sequence, reading, estimate) {
-            Ok(()) => Verdict::Accepted,
-            Err(refusal) => refusal,
+        if let Some(journal) = &mut self.journal {
+            journal.make_room(&mut self.grid);
         }
+        let fused = self.fuse(sequence, reading, estimate, None);
+        if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
+            journal.keep(sequence, reading, estimate, fused);
+        }
+        fused.err().unwrap_or(Verdict::Accepted)
     }
 
-    fn try_integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Result<(), Verdict> {
+    /// The same, and a fix will not change it. `news`: how much of the reading is new, if that was told before, which is what it
+    /// tells.
+    pub(crate) fn fuse(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: Option<&Estimate>,
+        news: Option<f64>,
+    ) -> Result<f64, Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
         let range_m = channel.range_of(reading.echo, self.config.no_echo)?;
@@ -76,7 +93,7 @@ impl GridMapper {
         let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
         // How far to trust it, and what it says of every cell of its cone
         let (transducer, sensor) = (reading.transducer, &channel.transducer);
-        let sounding = Sounding { sequence, transducer, sensor, range_m, estimate };
+        let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news };
         self.fuser.add(&mut self.grid, &mut self.dirty, &sounding)
     }
 

@@ -8,7 +8,9 @@ use nalgebra::Matrix3;
 
 use crate::angle::wrap_angle;
 use crate::config::{OdometryConfig, Systematic};
-use crate::joint::Joint;
+use crate::gate::{Doubted, Gate};
+use crate::joint::{self, JointCovariance, Scales};
+use crate::kalman::Innovation;
 use crate::localization::{Fix, FixError};
 use crate::pose::Pose2;
 
@@ -107,15 +109,6 @@ impl ErrorModel {
             eps_ang_rad2: c.k_tt * turn_rad + c.k_tl * travel_m,
         }
     }
-
-    /// The step that the robot is believed to have made when its drive measured `measured`.
-    #[must_use]
-    pub fn believed(&self, measured: Increment) -> Increment {
-        match self.config.systematic {
-            Systematic::Correct => measured.corrected(self.config.lin_scale, self.config.ang_scale),
-            Systematic::Carry | Systematic::Off => measured,
-        }
-    }
 }
 
 /// Where the robot is believed to be, and how far to believe it.
@@ -123,9 +116,11 @@ impl ErrorModel {
 pub struct Estimate {
     /// `map_from_base`.
     pub pose: Pose2,
-    /// Covariance of (x, y, θ) in the map frame since the last absolute fix; m², m rad, rad². A systematic error that is
-    /// carried is in it, as two unknown scales that are the same all the way.
-    pub covariance: Matrix3<f64>,
+    /// Covariance of (x, y, θ) in the map frame and of `scales`; m, rad, 1. A systematic error that is carried is in it, as
+    /// two unknown scales that are the same all the way.
+    pub covariance: JointCovariance,
+    /// What is taken out of every increment: by configuration, or as learned from fixes.
+    pub scales: Scales,
     /// Λ: way travelled since the last absolute fix, metres.
     pub travel_m: f64,
     /// Θ: angle turned since the last absolute fix, radians, both directions counted positive.
@@ -134,6 +129,8 @@ pub struct Estimate {
     pub errors: OdometryErrors,
     /// How many absolute fixes there have been.
     pub fixes: u32,
+    /// How many more were refused, for being too far off.
+    pub refused: u32,
 }
 
 impl Estimate {
@@ -142,12 +139,20 @@ impl Estimate {
     pub fn certain(pose: Pose2) -> Self {
         Self {
             pose,
-            covariance: Matrix3::zeros(),
+            covariance: JointCovariance::zeros(),
+            scales: Scales::default(),
             travel_m: 0.0,
             turn_rad: 0.0,
             errors: OdometryErrors::default(),
             fixes: 0,
+            refused: 0,
         }
+    }
+
+    /// Covariance of (x, y, θ) alone, map frame; m², m rad, rad².
+    #[must_use]
+    pub fn pose_covariance(&self) -> Matrix3<f64> {
+        self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
     }
 
     /// Covariance of (x, y, θ) of what sits at `base_from_part` on the robot, in the map frame: where the heading is in
@@ -157,7 +162,7 @@ impl Estimate {
         let (s, c) = libm::sincos(self.pose.theta);
         let (x, y) = (c * base_from_part.x - s * base_from_part.y, s * base_from_part.x + c * base_from_part.y);
         let moved = Matrix3::new(1.0, 0.0, -y, 0.0, 1.0, x, 0.0, 0.0, 1.0);
-        moved * self.covariance * moved.transpose()
+        moved * self.pose_covariance() * moved.transpose()
     }
 
     /// Between `self` (`fraction` 0) and `later` (`fraction` 1): the pose by [`Pose2::interpolate`], all else linear;
@@ -172,6 +177,7 @@ impl Estimate {
         Self {
             pose: self.pose.interpolate(later.pose, fraction),
             covariance: self.covariance + (later.covariance - self.covariance) * fraction,
+            scales: Scales { lin: mix(self.scales.lin, later.scales.lin), ang: mix(self.scales.ang, later.scales.ang) },
             travel_m: mix(self.travel_m, later.travel_m),
             turn_rad: mix(self.turn_rad, later.turn_rad),
             errors: OdometryErrors {
@@ -181,6 +187,7 @@ impl Estimate {
                 eps_ang_rad2: mix(self.errors.eps_ang_rad2, later.errors.eps_ang_rad2),
             },
             fixes: self.fixes,
+            refused: self.refused,
         }
     }
 }
@@ -190,17 +197,17 @@ impl Estimate {
 pub struct Odometry {
     model: ErrorModel,
     last: Option<(Pose2, Estimate)>,
-    /// The covariance of the last estimate, and of the scales.
-    joint: Joint,
     /// What the last fix left open: variances that no way adds to, m² and rad².
     left_open: (f64, f64),
+    /// None unless the last fix was refused.
+    doubted: Option<Doubted>,
 }
 
 impl Odometry {
     /// Before the first pose.
     #[must_use]
     pub fn new(config: &OdometryConfig) -> Self {
-        Self { model: ErrorModel::new(config), last: None, joint: Joint::certain(config), left_open: (0.0, 0.0) }
+        Self { model: ErrorModel::new(config), last: None, left_open: (0.0, 0.0), doubted: None }
     }
 
     /// The estimate at the next pose that the drive reports. The first pose is taken as it stands as the map pose.
@@ -209,11 +216,11 @@ impl Odometry {
     /// so that nothing is mapped from it.
     pub fn step(&mut self, odom_from_base: Pose2) -> Estimate {
         if !odom_from_base.is_finite() {
-            let last = self.last.map_or_else(|| Estimate::certain(odom_from_base), |(_, estimate)| estimate);
+            let last = self.last.map_or_else(|| self.first(odom_from_base), |(_, estimate)| estimate);
             return Estimate { pose: odom_from_base, ..last };
         }
         let estimate = match self.last {
-            None => Estimate::certain(odom_from_base),
+            None => self.first(odom_from_base),
             Some((odom_from_before, before)) => {
                 self.moved(&before, Increment::between(odom_from_before, odom_from_base))
             }
@@ -222,13 +229,23 @@ impl Odometry {
         estimate
     }
 
-    /// The estimate, corrected by an absolute localization of where the robot is now: "odometry error goes to zero here"
-    /// (Fig. 13). What is known replaces what was believed; the doubt that is left is that of the fix, which stays in ε_lin
-    /// and ε_ang until the next one. Λ begins again with a position, Θ with a heading.
+    /// The latest estimate whose pose was finite.
+    #[must_use]
+    pub fn estimate(&self) -> Option<Estimate> {
+        self.last.map(|(_, estimate)| estimate)
+    }
+
+    /// The estimate, corrected by an absolute localization of where the robot is now: a Kalman update, which also teaches
+    /// the scales where they are in doubt. An exact fix is the pose: "odometry error goes to zero here" (Fig. 13). The doubt
+    /// that is left stays in ε_lin and ε_ang until the next one. Λ begins again with a position, Θ with a heading.
+    ///
+    /// What is too far off for `gate` is no error of the odometry: it teaches nothing about it. It is refused, unless it is
+    /// exact, the first one, or the gate is open; then it takes the place of what was believed. So does the third in a row
+    /// that agree with each other: the robot has been carried off; and the tenth in a row, whatever it says.
     ///
     /// # Errors
-    /// The fix can't be one, or no pose has come yet that it could correct.
-    pub fn apply(&mut self, fix: &Fix) -> Result<Estimate, FixError> {
+    /// The fix can't be one, or no pose has come yet that it could correct, or it is refused, which is counted.
+    pub fn apply(&mut self, fix: &Fix, gate: Gate) -> Result<Estimate, FixError> {
         fix.validate()?;
         let Some((odom_from_base, before)) = self.last else {
             return Err(FixError {
@@ -237,20 +254,60 @@ impl Odometry {
                 expected: "an odometry pose before it",
             });
         };
+        let innovation = Innovation::of(fix, before.pose, &before.covariance);
+        let too_far = gate.is_too_far(innovation.sigmas);
+        // Where the map lies is for the first one to say.
+        if too_far && gate.refuses && before.fixes > 0 && !innovation.is_exact() {
+            let doubted = Doubted::after(self.doubted.as_ref(), fix, &before, gate);
+            let believed = doubted.is_believed();
+            self.doubted = Some(doubted);
+            if !believed {
+                self.last = Some((odom_from_base, Estimate { refused: before.refused.saturating_add(1), ..before }));
+                return Err(refusal(&innovation));
+            }
+        }
+        self.doubted = None;
         let mut after = Estimate { fixes: before.fixes.saturating_add(1), ..before };
-        self.joint = self.joint.fixed(fix);
-        after.covariance = self.joint.pose();
+        let replaces = too_far || innovation.sigmas.is_infinite();
+        if replaces {
+            after.covariance = innovation.replace(&before.covariance);
+        } else {
+            let (gained, covariance) = innovation.update(&before.covariance);
+            let Pose2 { x, y, theta } = before.pose;
+            after.pose = Pose2::new(x + gained[0], y + gained[1], theta + gained[2]);
+            after.scales = before.scales.taught(gained[3], gained[4]);
+            after.covariance = covariance;
+        }
+        let is_the_pose = replaces || innovation.is_exact();
         if fix.position_known {
-            (after.pose.x, after.pose.y, after.travel_m) = (fix.pose.x, fix.pose.y, 0.0);
-            self.left_open.0 = 0.5 * (fix.covariance[(0, 0)] + fix.covariance[(1, 1)]);
+            if is_the_pose {
+                (after.pose.x, after.pose.y) = (fix.pose.x, fix.pose.y);
+            }
+            after.travel_m = 0.0;
         }
         if fix.heading_known {
-            (after.pose.theta, after.turn_rad) = (wrap_angle(fix.pose.theta), 0.0);
-            self.left_open.1 = fix.covariance[(2, 2)];
+            if is_the_pose {
+                after.pose.theta = wrap_angle(fix.pose.theta);
+            }
+            after.turn_rad = 0.0;
         }
+        // Of what the fix did not tell no doubt is gone with Λ or Θ.
+        let model = self.model.errors(after.travel_m, after.turn_rad);
+        self.left_open.0 = if fix.position_known {
+            0.5 * (after.covariance[(0, 0)] + after.covariance[(1, 1)])
+        } else {
+            before.errors.eps_lin_m2 - model.eps_lin_m2
+        };
+        self.left_open.1 =
+            if fix.heading_known { after.covariance[(2, 2)] } else { before.errors.eps_ang_rad2 - model.eps_ang_rad2 };
         after.errors = self.errors(after.travel_m, after.turn_rad);
         self.last = Some((odom_from_base, after));
         Ok(after)
+    }
+
+    fn first(&self, pose: Pose2) -> Estimate {
+        let config = &self.model.config;
+        Estimate { covariance: joint::certain(config), scales: Scales::of(config), ..Estimate::certain(pose) }
     }
 
     /// Eqs 1–4 since the last fix, and what that left open.
@@ -265,18 +322,31 @@ impl Odometry {
     }
 
     fn moved(&mut self, before: &Estimate, measured: Increment) -> Estimate {
-        let step = self.model.believed(measured);
-        self.joint = self.joint.moved(&self.model.config, before.pose, step);
+        let (config, scales) = (&self.model.config, before.scales);
+        if let Some(doubted) = &mut self.doubted {
+            doubted.moved(config, scales, measured);
+        }
+        let step = scales.correct(measured);
         let travel_m = before.travel_m + step.length_m();
         let turn_rad = before.turn_rad + step.turn_rad.abs();
         Estimate {
             pose: move_by(before.pose, step),
-            covariance: self.joint.pose(),
+            covariance: joint::moved(&before.covariance, config, before.pose, scales, measured),
             travel_m,
             turn_rad,
             errors: self.errors(travel_m, turn_rad),
-            fixes: before.fixes,
+            ..*before
         }
+    }
+}
+
+fn refusal(innovation: &Innovation) -> FixError {
+    let [x, y, theta] = [innovation.off[0], innovation.off[1], innovation.off[2]];
+    let (off_m, off_deg) = (libm::hypot(x, y), theta.abs().to_degrees());
+    FixError {
+        field: "fix",
+        value: format!("{off_m:.2} m and {off_deg:.1}° off, {:.1} standard deviations", innovation.sigmas),
+        expected: "no more than localization.gate_sigmas, unless three in a row agree",
     }
 }
 
@@ -314,7 +384,10 @@ mod tests {
     #[test]
     fn first_pose_is_the_map_pose() {
         let first = Pose2::new(3.0, -2.0, 1.0);
-        assert_eq!(Odometry::new(&config(Systematic::Carry)).step(first), Estimate::certain(first));
+        assert_eq!(Odometry::new(&config(Systematic::Off)).step(first), Estimate::certain(first));
+        let carried = Odometry::new(&config(Systematic::Carry)).step(first);
+        assert_eq!((carried.pose, carried.pose_covariance()), (first, Matrix3::zeros()));
+        assert!((carried.covariance[(3, 3)] - 0.09 * 0.09).abs() < 1e-15);
     }
 
     #[test]
@@ -356,45 +429,11 @@ mod tests {
     fn a_pose_that_is_not_finite_changes_nothing() {
         let mut odometry = Odometry::new(&config(Systematic::Carry));
         assert!(!odometry.step(Pose2 { x: f64::NAN, ..Pose2::IDENTITY }).pose.is_finite());
-        assert_eq!(odometry.step(Pose2::IDENTITY), Estimate::certain(Pose2::IDENTITY));
+        assert_eq!(odometry.step(Pose2::IDENTITY).pose, Pose2::IDENTITY);
         assert!(!odometry.step(Pose2 { y: f64::INFINITY, ..Pose2::IDENTITY }).pose.is_finite());
         let next = odometry.step(Pose2::new(1.0, 0.0, 0.0));
         assert!(close(next.pose, Pose2::new(1.0, 0.0, 0.0)));
         assert!((next.travel_m - 1.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_fix_sets_the_errors_back() {
-        let mut odometry = Odometry::new(&config(Systematic::Carry));
-        assert_eq!(odometry.apply(&Fix::certain(Pose2::IDENTITY)).unwrap_err().value, "too early");
-        odometry.step(Pose2::new(5.0, 5.0, 0.0));
-        odometry.step(Pose2::new(8.0, 5.0, 0.4));
-        let fixed = odometry.apply(&Fix::certain(Pose2::new(7.5, 5.2, 0.5))).unwrap();
-        assert_eq!(fixed, Estimate { fixes: 1, ..Estimate::certain(Pose2::new(7.5, 5.2, 0.5)) });
-        // From there on by the steps of the drive, seen from the corrected heading.
-        let next = odometry.step(Pose2::new(8.0 + libm::cos(0.4), 5.0 + libm::sin(0.4), 0.4));
-        assert!(close(next.pose, Pose2::new(7.5 + libm::cos(0.5), 5.2 + libm::sin(0.5), 0.5)));
-        assert!((next.travel_m - 1.0).abs() < 1e-12 && next.fixes == 1);
-    }
-
-    #[test]
-    fn what_a_fix_leaves_open_stays() {
-        let mut odometry = Odometry::new(&config(Systematic::Off));
-        odometry.step(Pose2::IDENTITY);
-        odometry.step(Pose2::new(10.0, 0.0, 0.0));
-        let fixed = odometry.apply(&Fix::about(Pose2::new(9.0, 0.0, 0.0), 0.1, 0.02)).unwrap();
-        assert!((fixed.errors.eps_lin_m2 - 0.01).abs() < 1e-15 && (fixed.errors.eps_ang_rad2 - 4e-4).abs() < 1e-15);
-        let next = odometry.step(Pose2::new(11.0, 0.0, 0.0));
-        assert!((next.errors.eps_lin_m2 - 0.01 - 4e-4).abs() < 1e-15);
-        // Position only: heading, its doubt and Θ stay.
-        odometry.step(Pose2::new(11.0, 0.0, 1.0));
-        let place = Fix { heading_known: false, ..Fix::certain(Pose2::new(3.0, 4.0, f64::from(9_u8))) };
-        let fixed = odometry.apply(&place).unwrap();
-        assert!(close(fixed.pose, Pose2::new(3.0, 4.0, 1.0)));
-        assert!((fixed.turn_rad - 1.0).abs() < 1e-12 && fixed.travel_m == 0.0);
-        assert!(fixed.covariance[(2, 2)] > 0.0 && fixed.covariance[(0, 2)] == 0.0);
-        let refused = Fix { covariance: -nalgebra::Matrix3::identity(), ..place };
-        assert!(odometry.apply(&refused).is_err());
     }
 
     #[test]
@@ -441,7 +480,7 @@ mod tests {
             let mut odometry = Odometry::new(&config(Systematic::Off));
             let mut heading = -1.0;
             for pose in poses {
-                let c = odometry.step(pose).covariance;
+                let c = odometry.step(pose).pose_covariance();
                 prop_assert_eq!(c, c.transpose());
                 prop_assert!(c[(2, 2)] >= heading);
                 heading = c[(2, 2)];

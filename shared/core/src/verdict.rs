@@ -115,6 +115,13 @@ impl VerdictCounts {
         *slot = slot.saturating_add(count);
     }
 
+    /// A reading that was counted as `before` has got another verdict.
+    pub fn change(&mut self, before: Verdict, now: Verdict) {
+        let slot = &mut self.counts[before as usize];
+        *slot = slot.saturating_sub(1);
+        self.add(now);
+    }
+
     /// All those of `other` too.
     pub fn merge(&mut self, other: &Self) {
         for (mine, theirs) in self.counts.iter_mut().zip(other.counts) {
@@ -179,6 +186,9 @@ mod tests {
         assert_eq!(counts.get(Verdict::OffMap), 1);
         assert_eq!(counts.get(Verdict::NoEcho), 0);
         assert_eq!(counts.total(), 4);
+        counts.change(Verdict::OffMap, Verdict::Accepted);
+        assert_eq!((counts.get(Verdict::Accepted), counts.get(Verdict::OffMap), counts.total()), (4, 0, 4));
+        counts.change(Verdict::Accepted, Verdict::OffMap);
         assert_eq!(counts.iter().filter(|(_, n)| *n > 0).count(), 2);
     }
 }

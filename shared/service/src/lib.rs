@@ -23,6 +23,7 @@ pub use plan::Plan;
 
 /// What a service is given.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "nearly all are messages: a box for each would cost more than it saves")]
 pub enum Input {
     /// A message of one of its input topics.
     Message {

@@ -6,7 +6,9 @@
 use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::verdict::{Verdict, VerdictCounts};
-use echogrid_core::{CellIndex, Echo, Footprint, Pose2, Reading, Robot, Sensor, SensorKind, TileIndex};
+use echogrid_core::{
+    CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex,
+};
 use nalgebra::Matrix3;
 
 use crate::topic::Topic;
@@ -139,8 +141,12 @@ pub struct MapInfo {
     pub distance_m: f64,
     /// Lowest and highest known cell.
     pub bounds: Option<(CellIndex, CellIndex)>,
-    /// What became of the readings.
+    /// What became of the readings: the last verdict, where a fix changed it.
     pub verdicts: VerdictCounts,
+    /// How often a reading was fused again after a fix.
+    pub remapped: u64,
+    /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
+    pub remap_left: u64,
     /// Whether the map is finished.
     pub finished: bool,
     /// Whether a reading hardly says anything any more.
@@ -149,6 +155,8 @@ pub struct MapInfo {
     pub held: bool,
     /// Absolute fixes so far.
     pub fixes: u32,
+    /// Fixes refused so far, for being too far off.
+    pub fixes_refused: u32,
 }
 
 /// State of a service.
@@ -282,6 +290,27 @@ fn rows(covariance: &Matrix3<f64>) -> [f64; 9] {
     rows
 }
 
+/// Row and column of each number on and above the diagonal.
+fn upper() -> impl Iterator<Item = (usize, usize)> {
+    (0..5).flat_map(|row| (row..5).map(move |column| (row, column)))
+}
+
+/// Symmetric, whatever the numbers.
+fn joint_covariance(numbers: &[f64; 15]) -> Result<JointCovariance, Fault> {
+    let mut covariance = JointCovariance::zeros();
+    for ((row, column), value) in upper().zip(numbers) {
+        let checked = if row == column { at_least_zero("covariance", *value) } else { finite("covariance", *value) }?;
+        (covariance[(row, column)], covariance[(column, row)]) = (checked, checked);
+    }
+    Ok(covariance)
+}
+
+/// At 1 no step would be left of what the drive measures.
+fn scale(field: &'static str, value: f64) -> Result<f64, Fault> {
+    check(value.abs() < 1.0, field, value, "between -1 and 1")?;
+    Ok(value)
+}
+
 /// A description that has more sensors than fit is cut; see [`MAX_SENSORS`].
 impl From<&Robot> for RobotWire {
     fn from(robot: &Robot) -> Self {
@@ -412,11 +441,15 @@ impl From<&ReadingWire> for Reading {
 impl From<&PoseEstimate> for EstimateWire {
     fn from(message: &PoseEstimate) -> Self {
         let PoseEstimate { estimate, trust, distance_m, degraded, hold } = message;
+        let mut covariance = [0.0; 15];
+        covariance.iter_mut().zip(upper()).for_each(|(slot, place)| *slot = estimate.covariance[place]);
         Self {
             x_m: estimate.pose.x,
             y_m: estimate.pose.y,
             theta_rad: estimate.pose.theta,
-            covariance: rows(&estimate.covariance),
+            covariance,
+            lin_scale: estimate.scales.lin,
+            ang_scale: estimate.scales.ang,
             travel_m: estimate.travel_m,
             turn_rad: estimate.turn_rad,
             e_lin_m: estimate.errors.e_lin_m,
@@ -427,6 +460,8 @@ impl From<&PoseEstimate> for EstimateWire {
             distance_m: *distance_m,
             fixes: estimate.fixes,
             flags: u32::from(*degraded) * DEGRADED + u32::from(*hold) * HOLD,
+            fixes_refused: estimate.refused,
+            reserved: 0,
         }
     }
 }
@@ -435,14 +470,12 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
     type Error = Fault;
 
     fn try_from(wire: &EstimateWire) -> Result<Self, Fault> {
-        for value in wire.covariance {
-            finite("covariance", value)?;
-        }
         check((0.0..=1.0).contains(&wire.trust), "trust", wire.trust, "in [0, 1]")?;
         Ok(Self {
             estimate: Estimate {
                 pose: pose(wire.x_m, wire.y_m, wire.theta_rad)?,
-                covariance: Matrix3::from_row_slice(&wire.covariance),
+                covariance: joint_covariance(&wire.covariance)?,
+                scales: Scales { lin: scale("lin_scale", wire.lin_scale)?, ang: scale("ang_scale", wire.ang_scale)? },
                 travel_m: at_least_zero("travel_m", wire.travel_m)?,
                 turn_rad: at_least_zero("turn_rad", wire.turn_rad)?,
                 errors: OdometryErrors {
@@ -452,6 +485,7 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
                     eps_ang_rad2: at_least_zero("eps_ang_rad2", wire.eps_ang_rad2)?,
                 },
                 fixes: wire.fixes,
+                refused: wire.fixes_refused,
             },
             trust: wire.trust,
             distance_m: at_least_zero("distance_m", wire.distance_m)?,
@@ -598,10 +632,14 @@ impl From<&MapInfo> for MapInfoWire {
             distance_m: info.distance_m,
             bounds: info.bounds.map_or([0; 4], |(low, high)| [low.i, low.j, high.i, high.j]),
             verdicts,
+            remapped: info.remapped,
+            remap_left: info.remap_left,
             flags: u32::from(info.finished) * FINISHED
                 + u32::from(info.degraded) * MAP_DEGRADED
                 + u32::from(info.held) * MAP_HELD,
             fixes: info.fixes,
+            fixes_refused: info.fixes_refused,
+            reserved: 0,
         }
     }
 }
@@ -627,10 +665,13 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             bounds: (wire.cells_known > 0)
                 .then_some((CellIndex { i: i_low, j: j_low }, CellIndex { i: i_high, j: j_high })),
             verdicts,
+            remapped: wire.remapped,
+            remap_left: wire.remap_left,
             finished: wire.flags & FINISHED != 0,
             degraded: wire.flags & MAP_DEGRADED != 0,
             held: wire.flags & MAP_HELD != 0,
             fixes: wire.fixes,
+            fixes_refused: wire.fixes_refused,
         })
     }
 }

@@ -270,6 +270,7 @@ impl Output {
 
 /// What came in.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "nearly all are messages: a box for each would cost more than it saves")]
 pub enum Received {
     /// A message.
     Message(Header, Message),

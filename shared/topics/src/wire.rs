@@ -171,15 +171,19 @@ wire! {
 
 wire! {
     /// `odometry/estimate`: where the robot is in the map, and how far to trust that.
-    "echogrid/OdometryEstimate/2" EstimateWire {
+    "echogrid/OdometryEstimate/3" EstimateWire {
         /// Metres, map frame.
         x_m: f64,
         /// Metres, map frame.
         y_m: f64,
         /// Radians.
         theta_rad: f64,
-        /// Covariance of (x, y, θ), row by row; m², m·rad, rad².
-        covariance: [f64; 9],
+        /// Covariance of (x, y, θ, `lin_scale`, `ang_scale`) on and above its diagonal, row by row; m, rad, 1.
+        covariance: [f64; 15],
+        /// What the drive is believed to measure too much of every translation, as a share of it, and is taken out.
+        lin_scale: f64,
+        /// Likewise of every rotation.
+        ang_scale: f64,
         /// Λ: travelled since the last absolute fix, metres.
         travel_m: f64,
         /// Θ: turned since the last absolute fix, radians.
@@ -200,6 +204,10 @@ wire! {
         fixes: u32,
         /// Bit 0: degraded, readings hardly say anything any more; bit 1: mapping is to hold.
         flags: u32,
+        /// Fixes refused so far, for being too far off.
+        fixes_refused: u32,
+        /// Zero.
+        reserved: u32,
     }
 }
 
@@ -221,7 +229,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/2" MapInfoWire {
+    "echogrid/MapInfo/4" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -240,12 +248,20 @@ wire! {
         distance_m: f64,
         /// Lowest cell along x, y, then highest along x, y; all 0 while nothing is known.
         bounds: [i32; 4],
-        /// Readings by verdict code.
+        /// Readings by verdict code: the last verdict, where a fix changed it.
         verdicts: [u64; 16],
+        /// How often a reading was fused again after a fix.
+        remapped: u64,
+        /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
+        remap_left: u64,
         /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds.
         flags: u32,
         /// Absolute fixes so far.
         fixes: u32,
+        /// Fixes refused so far, for being too far off.
+        fixes_refused: u32,
+        /// Zero.
+        reserved: u32,
     }
 }
 
@@ -333,7 +349,7 @@ wire! {
 
 wire! {
     /// `localization/request`: an absolute localization is wanted.
-    "echogrid/LocalizationRequest/2" LocalizationRequestWire {
+    "echogrid/LocalizationRequest/3" LocalizationRequestWire {
         /// Number of the request: 1, 2, 3 …
         id: u64,
         /// Where the robot believes to be at the stamp of the message.
@@ -483,7 +499,7 @@ mod tests {
             assert_eq!(size % 2, 0, "{block}");
         }
         assert_eq!(size_of::<ReadingWire>(), 8 + 4 + 2 + 1 + 1);
-        assert_eq!(size_of::<EstimateWire>(), 20 * 8 + 8);
+        assert_eq!(size_of::<EstimateWire>(), 28 * 8 + 16);
         assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 4 * 4096);
     }
 

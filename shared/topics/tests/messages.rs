@@ -8,7 +8,8 @@ use std::fmt::Debug;
 use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::{
-    CellIndex, Echo, Footprint, Matrix3, Pose2, Reading, Robot, Sensor, SensorKind, TileIndex, Verdict, VerdictCounts,
+    CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex, Verdict,
+    VerdictCounts,
 };
 use echogrid_topics::message::Fault;
 use echogrid_topics::wire::{
@@ -73,20 +74,37 @@ fn reading() -> impl Strategy<Value = Reading> {
 }
 
 fn estimate() -> impl Strategy<Value = PoseEstimate> {
-    let covariance = prop::array::uniform9(number()).prop_map(|rows| Matrix3::from_row_slice(&rows));
+    let covariance =
+        (prop::collection::vec(number(), 25), prop::array::uniform5(amount())).prop_map(|(all, variances)| {
+            let any = JointCovariance::from_row_slice(&all);
+            let mut covariance = any.map(|value| 0.25 * value) + any.map(|value| 0.25 * value).transpose();
+            covariance.set_diagonal(&nalgebra::SVector::from(variances));
+            covariance
+        });
+    let scales = (-0.99..0.99f64, -0.99..0.99f64).prop_map(|(lin, ang)| Scales { lin, ang });
     let errors = (number(), number(), amount(), amount()).prop_map(|(e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2)| {
         OdometryErrors { e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2 }
     });
     let flags = any::<(bool, bool)>();
-    (pose(), covariance, (amount(), amount()), errors, any::<u32>(), 0.0..=1.0, amount(), flags).prop_map(
-        |(pose, covariance, (travel_m, turn_rad), errors, fixes, trust, distance_m, (degraded, hold))| PoseEstimate {
-            estimate: Estimate { pose, covariance, travel_m, turn_rad, errors, fixes },
-            trust,
-            distance_m,
-            degraded,
-            hold,
-        },
-    )
+    (pose(), (covariance, scales), (amount(), amount()), errors, any::<(u32, u32)>(), 0.0..=1.0, amount(), flags)
+        .prop_map(
+            |(
+                pose,
+                (covariance, scales),
+                (travel_m, turn_rad),
+                errors,
+                (fixes, refused),
+                trust,
+                distance_m,
+                (degraded, hold),
+            )| PoseEstimate {
+                estimate: Estimate { pose, covariance, scales, travel_m, turn_rad, errors, fixes, refused },
+                trust,
+                distance_m,
+                degraded,
+                hold,
+            },
+        )
 }
 
 fn fix() -> impl Strategy<Value = LocalizationFix> {
@@ -124,9 +142,17 @@ fn info() -> impl Strategy<Value = MapInfo> {
         verdicts
     });
     let cells = prop::option::of((1_u64.., bounds));
-    let flags = any::<([bool; 3], u32)>();
-    (any::<[u64; 4]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
-        |([revision, scans, occupied, free], cells, entropy_bits, trust, distance_m, verdicts, (flags, fixes))| {
+    let flags = any::<([bool; 3], (u32, u32))>();
+    (any::<[u64; 6]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
+        |(
+            [revision, scans, occupied, free, remapped, remap_left],
+            cells,
+            entropy_bits,
+            trust,
+            distance_m,
+            verdicts,
+            (flags, (fixes, fixes_refused)),
+        )| {
             MapInfo {
                 revision,
                 scans,
@@ -138,10 +164,13 @@ fn info() -> impl Strategy<Value = MapInfo> {
                 distance_m,
                 bounds: cells.map(|(_, bounds)| bounds),
                 verdicts,
+                remapped,
+                remap_left,
                 finished: flags[0],
                 degraded: flags[1],
                 held: flags[2],
                 fixes,
+                fixes_refused,
             }
         },
     )
@@ -366,6 +395,10 @@ fn estimates_that_cannot_be() {
     check("y_m", |w| w.y_m = 2e6);
     check("theta_rad", |w| w.theta_rad = f64::NAN);
     check("covariance", |w| w.covariance[8] = f64::INFINITY);
+    check("covariance", |w| w.covariance[0] = -1e-9);
+    check("covariance", |w| w.covariance[14] = -1.0);
+    check("lin_scale", |w| w.lin_scale = 1.0);
+    check("ang_scale", |w| w.ang_scale = f64::NAN);
     check("travel_m", |w| w.travel_m = -1.0);
     check("turn_rad", |w| w.turn_rad = f64::NAN);
     check("e_lin_m", |w| w.e_lin_m = f64::NAN);

@@ -107,7 +107,7 @@ fn the_fitted_model_predicts_another_drive() {
     let random = OdometryConfig { systematic: Systematic::Off, ..calibration.applied_to(&OdometryConfig::default()) };
     let mut odometry = Odometry::new(&random);
     let mut pose = Pose2::IDENTITY;
-    let mut covariance = odometry.step(pose).covariance;
+    let mut covariance = odometry.step(pose).pose_covariance();
     for motion in MIXED {
         // In small steps, as the odometry goes.
         for _ in 0..100 {
@@ -117,7 +117,7 @@ fn the_fitted_model_predicts_another_drive() {
                 Motion::Wait { .. } => Increment::default(),
             };
             pose = move_by(pose, step);
-            covariance = odometry.step(pose).covariance;
+            covariance = odometry.step(pose).pose_covariance();
         }
     }
     let errors = final_errors(&calibration);

@@ -1,0 +1,317 @@
+//! What a fix makes of the map: readings since the last one are taken out again and fused where the robot was in hindsight.
+//!
+//! Evidence can't be subtracted (it is clamped, and fusion may depend on the map so far), so it is taken out by restoring the
+//! tiles as they were. They are saved the first time that they change; the readings since are kept. Both are kept in layers,
+//! of which the oldest is given up when there are too many readings: its evidence stays as it is.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use crate::grid::{Grid, Tile, TileIndex};
+use crate::mapping::GridMapper;
+use crate::odometry::Estimate;
+use crate::reading::Reading;
+use crate::smoothing::smooth;
+use crate::verdict::Verdict;
+
+/// A quarter of what is kept goes at once: all of it would leave a fix nothing to mend.
+const LAYERS: usize = 4;
+
+/// What a fix has made of the map.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Remapped {
+    /// Readings that were fused again.
+    pub readings: u64,
+    /// Readings since the last fix that stay as they were: too many for memory, or the fix told of no error of the odometry.
+    pub left: u64,
+    /// The verdict that a reading had, and the one that it has now, where they differ.
+    pub verdicts: Vec<(Verdict, Verdict)>,
+}
+
+/// A reading that may be fused again.
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    sequence: u64,
+    reading: Reading,
+    /// How much of it was new, or why it was refused.
+    fused: Result<f64, Verdict>,
+    /// Its estimate, of those of the layer.
+    at: usize,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Layer {
+    /// Where each tile that this layer changed had been before; none: nowhere.
+    saved: BTreeMap<TileIndex, Option<Tile>>,
+    /// Readings of one moment share their estimate.
+    estimates: Vec<Estimate>,
+    readings: Vec<Kept>,
+}
+
+/// What can be taken out of the map again.
+#[derive(Debug, Clone)]
+pub(crate) struct Journal {
+    readings_max: usize,
+    /// Never empty. What the last one saved is still with the grid.
+    layers: VecDeque<Layer>,
+    /// Readings of layers that were given up.
+    left: u64,
+}
+
+impl Journal {
+    /// Of at most so many readings in `grid`.
+    pub(crate) fn new(readings_max: usize, grid: &mut Grid) -> Self {
+        grid.save_changes();
+        Self { readings_max, layers: VecDeque::from([Layer::default()]), left: 0 }
+    }
+
+    /// Before one more reading is fused.
+    pub(crate) fn make_room(&mut self, grid: &mut Grid) {
+        let full = |layer: &Layer| layer.readings.len() >= (self.readings_max / LAYERS).max(1);
+        if let Some(last) = self.layers.back_mut().filter(|layer| full(layer)) {
+            last.saved = grid.take_saved();
+            self.layers.push_back(Layer::default());
+            grid.save_changes();
+        }
+        let kept = |layers: &VecDeque<Layer>| layers.iter().map(|layer| layer.readings.len()).sum::<usize>();
+        while self.layers.len() > 1 && kept(&self.layers) >= self.readings_max {
+            let oldest = self.layers.pop_front().unwrap_or_default();
+            self.left += oldest.readings.len() as u64;
+        }
+    }
+
+    /// After it was: what may be told better by the next fix.
+    pub(crate) fn keep(&mut self, sequence: u64, reading: &Reading, estimate: &Estimate, fused: Result<f64, Verdict>) {
+        let Some(layer) = self.layers.back_mut() else { return };
+        if matches!(fused, Ok(_) | Err(Verdict::Untrusted)) {
+            if layer.estimates.last() != Some(estimate) {
+                layer.estimates.push(*estimate);
+            }
+            let at = layer.estimates.len() - 1;
+            layer.readings.push(Kept { sequence, reading: *reading, fused, at });
+        }
+    }
+}
+
+/// The estimates of all layers in hindsight; those that belong to another stretch between fixes stay as they are.
+fn in_hindsight(layers: &mut VecDeque<Layer>, before: &Estimate, after: &Estimate) -> Option<()> {
+    let here = |estimate: &&mut Estimate| estimate.fixes == before.fixes;
+    let all = || layers.iter().flat_map(|layer| &layer.estimates).filter(|estimate| estimate.fixes == before.fixes);
+    let way: Vec<Estimate> = all().copied().collect();
+    let smoothed = smooth(&way, before, after)?;
+    let slots = layers.iter_mut().flat_map(|layer| &mut layer.estimates).filter(here);
+    slots.zip(smoothed).for_each(|(slot, smoothed)| *slot = smoothed);
+    Some(())
+}
+
+impl GridMapper {
+    /// The readings since the last fix are fused again where the robot was in hindsight, now that a fix has made `after` of
+    /// the estimate `before`; call it before the first reading that `after` is for. Tiles that change get `revision`, which
+    /// is to be higher than any before. A reading that was refused because the odometry was too uncertain has its second chance.
+    ///
+    /// Without [`crate::MapperConfig::remap`] nothing happens.
+    pub fn rectify(&mut self, revision: u64, before: &Estimate, after: &Estimate) -> Remapped {
+        let Some(mut journal) = self.journal.take() else { return Remapped::default() };
+        let mut remapped = Remapped { left: journal.left, ..Remapped::default() };
+        let kept: usize = journal.layers.iter().map(|layer| layer.readings.len()).sum();
+        let saved = self.grid.take_saved();
+        if let Some(last) = journal.layers.back_mut() {
+            last.saved = saved;
+        }
+        if in_hindsight(&mut journal.layers, before, after).is_some() {
+            remapped.readings = kept as u64;
+            self.fuse_again(revision, journal.layers, &mut remapped.verdicts);
+        } else {
+            remapped.left += kept as u64;
+        }
+        self.journal = Some(Journal::new(journal.readings_max, &mut self.grid));
+        remapped
+    }
+
+    fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(Verdict, Verdict)>) {
+        let unpublished = self.dirty.take();
+        let (mut tiles, mut readings) = (BTreeMap::new(), Vec::new());
+        for layer in layers {
+            // Of a tile that two layers changed the elder knows how it was before both.
+            for (index, tile) in layer.saved {
+                tiles.entry(index).or_insert(tile);
+            }
+            readings.push((layer.estimates, layer.readings));
+        }
+        for (index, tile) in tiles {
+            *self.grid.tile_mut(index) = tile.unwrap_or_default();
+            self.dirty.insert(index);
+        }
+        for (estimates, readings) in readings {
+            for Kept { sequence, reading, fused, at } in readings {
+                let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok());
+                let verdict = |fused: Result<f64, Verdict>| fused.err().unwrap_or(Verdict::Accepted);
+                if verdict(now) != verdict(fused) {
+                    verdicts.push((verdict(fused), verdict(now)));
+                }
+            }
+        }
+        let changed = self.dirty.take();
+        for index in &changed {
+            self.grid.tile_mut(*index).revision = revision;
+        }
+        unpublished.into_iter().chain(changed).for_each(|index| self.dirty.insert(index));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Fusion, MapperConfig, Noise, OdometryConfig};
+    use crate::gate::Gate;
+    use crate::localization::Fix;
+    use crate::odometry::Odometry;
+    use crate::pose::Pose2;
+    use crate::reading::Echo;
+    use crate::robot::{Robot, Sensor, SensorKind};
+    use crate::verdict::VerdictCounts;
+
+    fn mapper(config: &MapperConfig) -> GridMapper {
+        let sensor = Sensor {
+            kind: SensorKind::Sonar,
+            base_from_sensor: Pose2::new(0.2, 0.0, 1.0),
+            first_transducer: 0,
+            transducers: 2,
+            first_bearing_rad: 0.0,
+            bearing_step_rad: 0.7,
+            aperture_rad: 0.5,
+            range_min_m: 0.02,
+            range_max_m: 5.0,
+            range_error_ratio: 0.01,
+        };
+        let robot = Robot { sensors: vec![sensor], ..Robot::default() };
+        GridMapper::new(config, Noise::Sampled, 7, robot).unwrap()
+    }
+
+    fn config(remap: bool) -> MapperConfig {
+        // Soon at its bound, where evidence can't be subtracted.
+        MapperConfig { remap, log_odds_max: 1.0, min_trust: 0.5, ..MapperConfig::default() }
+    }
+
+    /// Each estimate of 4 m straight on, and what the fix at the end makes of the last.
+    fn way() -> (Vec<Estimate>, Estimate) {
+        let mut odometry = Odometry::new(&OdometryConfig::default());
+        let way = (0..=80).map(|step| odometry.step(Pose2::new(0.05 * f64::from(step), 0.0, 0.0))).collect();
+        (way, odometry.apply(&Fix::certain(Pose2::new(3.9, 0.1, 0.05)), Gate::open()).unwrap())
+    }
+
+    fn hit(transducer: u16) -> Reading {
+        Reading { transducer, echo: Echo::Hit { range_m: 1.5 }, offset_ns: 0 }
+    }
+
+    fn give(mapper: &mut GridMapper, first: u64, way: &[Estimate]) -> VerdictCounts {
+        let mut counts = VerdictCounts::default();
+        for (sequence, estimate) in (first..).zip(way) {
+            (0..2).for_each(|transducer| counts.add(mapper.integrate(sequence, &hit(transducer), Some(estimate))));
+        }
+        counts
+    }
+
+    /// Every known cell, whatever tiles there are.
+    fn cells(mapper: &GridMapper) -> Vec<(TileIndex, usize, u32)> {
+        let cells = |(index, tile): (TileIndex, &Tile)| {
+            let known = tile.log_odds.iter().enumerate().filter(|(_, value)| !value.is_nan());
+            known.map(|(cell, value)| (index, cell, value.to_bits())).collect::<Vec<_>>()
+        };
+        mapper.grid().tiles().flat_map(cells).collect()
+    }
+
+    #[test]
+    fn the_map_is_that_of_hindsight() {
+        let (way, after) = way();
+        let smoothed = smooth(&way, &way[80], &after).unwrap();
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            let config = MapperConfig { fusion, ..config(true) };
+            let mut remapped = mapper(&config);
+            // What was there before the stretch stays.
+            let elsewhere = vec![Estimate::certain(Pose2::new(2.0, 0.5, 3.0)); 5];
+            let anew = Estimate { fixes: 1, ..elsewhere[0] };
+            give(&mut remapped, 1, &elsewhere);
+            assert_eq!(remapped.rectify(6, &elsewhere[4], &anew).readings, 10);
+            let mut counts = give(&mut remapped, 6, &way);
+            let mut expected = mapper(&MapperConfig { remap: false, ..config.clone() });
+            give(&mut expected, 1, &elsewhere);
+            let in_hindsight = give(&mut expected, 6, &smoothed);
+            assert_ne!(cells(&remapped), cells(&expected));
+            let told = remapped.rectify(1000, &way[80], &after);
+            assert_eq!((told.readings, told.left), (162, 0));
+            assert!(cells(&remapped) == cells(&expected), "{fusion:?}");
+            told.verdicts.iter().for_each(|(before, now)| counts.change(*before, *now));
+            assert_eq!(counts, in_hindsight);
+            assert!(fusion == Fusion::Covariance || !told.verdicts.is_empty(), "nothing had a second chance");
+        }
+    }
+
+    #[test]
+    fn whoever_follows_the_tiles_has_the_map() {
+        let (way, after) = way();
+        let mut mapper = mapper(&config(true));
+        let mut copy: BTreeMap<TileIndex, Tile> = BTreeMap::new();
+        let follow = |mapper: &mut GridMapper, copy: &mut BTreeMap<TileIndex, Tile>| {
+            for index in mapper.take_dirty() {
+                let tile = mapper.grid().tile(index).unwrap().clone();
+                let before = copy.insert(index, tile.clone());
+                assert!(before.is_none_or(|before| before.revision < tile.revision), "revisions move forward");
+            }
+        };
+        give(&mut mapper, 1, &way[..40]);
+        follow(&mut mapper, &mut copy);
+        give(&mut mapper, 41, &way[40..]);
+        follow(&mut mapper, &mut copy);
+        // Far enough for tiles that nothing is left of.
+        let away = Estimate { pose: Pose2::new(2.6, 1.2, 0.9), ..after };
+        assert_eq!(mapper.rectify(82, &way[80], &away).readings, 162);
+        follow(&mut mapper, &mut copy);
+        assert_eq!(copy.len(), mapper.grid().tile_count());
+        for (index, tile) in mapper.grid().tiles() {
+            let same = copy[&index].log_odds.iter().zip(tile.log_odds.iter()).all(|(a, b)| a.to_bits() == b.to_bits());
+            assert!(same && copy[&index].revision == tile.revision);
+        }
+        // A second fix right after the first finds nothing to mend.
+        assert_eq!(mapper.rectify(83, &after, &after), Remapped::default());
+    }
+
+    #[test]
+    fn what_is_too_old_stays_and_is_counted() {
+        let (way, after) = way();
+        let mut bounded = mapper(&MapperConfig { remap_readings_max: 60, ..config(true) });
+        give(&mut bounded, 1, &way);
+        let told = bounded.rectify(100, &way[80], &after);
+        assert_eq!(told.readings + told.left, 162);
+        assert!((45..=60).contains(&told.readings), "{told:?}");
+        let left = told.left as usize / 2;
+        // As if the older ones had been mapped as they were, and the rest in hindsight.
+        let smoothed = smooth(&way, &way[80], &after).unwrap();
+        let mut expected = mapper(&config(false));
+        give(&mut expected, 1, &way[..left]);
+        let first = Reading { ..hit(0) };
+        let rest = |at: usize| if at * 2 < told.left as usize { &way[at] } else { &smoothed[at] };
+        if told.left % 2 == 1 {
+            expected.integrate(left as u64 + 1, &first, Some(&way[left]));
+            expected.integrate(left as u64 + 1, &hit(1), Some(&smoothed[left]));
+        } else {
+            give(&mut expected, left as u64 + 1, &[*rest(left)]);
+        }
+        give(&mut expected, left as u64 + 2, &smoothed[left + 1..]);
+        assert!(cells(&bounded) == cells(&expected));
+    }
+
+    #[test]
+    fn who_was_carried_off_leaves_the_map_alone() {
+        let (way, after) = way();
+        let mut mapper = mapper(&config(true));
+        give(&mut mapper, 1, &way);
+        let before = cells(&mapper);
+        let elsewhere = Estimate { pose: Pose2::new(90.0, 0.0, 0.0), ..after };
+        assert_eq!(mapper.rectify(100, &way[80], &elsewhere), Remapped { left: 162, ..Remapped::default() });
+        assert!(before == cells(&mapper));
+        // Without the setting nothing is kept, and nothing happens.
+        let mut off = super::tests::mapper(&config(false));
+        give(&mut off, 1, &way);
+        assert_eq!(off.rectify(100, &way[80], &after), Remapped::default());
+    }
+}
