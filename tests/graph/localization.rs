@@ -267,7 +267,8 @@ fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
     let map = path(&out.path().join("map.echogrid"));
     for (every, expected) in [("5m", 0.86), ("15m", 1.10)] {
         let arguments = ["map", &log, "--out", &folder, "--fix", "truth", "--fix-every", every, "-q"];
-        let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03"];
+        let unfiltered = "mapper.filters=[\"range\", \"selection\"]";
+        let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03", unfiltered];
         let sets = sets.into_iter().flat_map(|set| ["--set", set]);
         let output = echogrid(arguments.into_iter().chain(sets));
         assert!(output.status.success(), "{}", said(&output));

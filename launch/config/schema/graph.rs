@@ -272,10 +272,22 @@ static MAPPER: Section = Section {
         key("min_trust", "a number from 0 to 1", "readings that are trusted less are refused"),
         words(
             "sonars",
-            &["all"],
-            "\"all\" or a list of sonar numbers",
-            "sonars that are used: \"all\", or their numbers",
+            &["all", "corridor"],
+            "\"all\", \"corridor\" or a list of sonar numbers",
+            "sonars that are used: \"all\"; \"corridor\": those at right angles to its walls, and those nearest to the robot's \
+             axis; or their numbers",
         ),
+        words(
+            "filters",
+            &["range", "selection", "stuck", "lone", "bubble"],
+            "a list of range, selection, stuck, lone, bubble",
+            "what readings pass, in this order. range: limits; selection: sonars; stuck: sonars that others contradict for long; \
+             lone: no other sonar hears it; bubble: multiple reflections",
+        ),
+        key("filter_rings", "a whole number from 0 to 100", "rings that stuck, lone and bubble look back on"),
+        key("stuck_after_m", "a number of metres", "metres over which a stuck sonar repeats its value"),
+        key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
+        key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

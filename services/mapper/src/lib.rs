@@ -103,16 +103,26 @@ impl MapperService {
 
     fn integrate_oldest(&mut self, out: &mut Outbox) {
         let (Some(mapper), Some(scan)) = (self.mapper.as_mut(), self.waiting.pop_front()) else { return };
+        let estimates = scan
+            .readings
+            .iter()
+            .map(|reading| self.trajectory.at(scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns))));
+        let (held, scanned): (Vec<bool>, Vec<_>) = scan
+            .readings
+            .iter()
+            .zip(estimates)
+            .map(|(reading, estimate)| {
+                let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
+                (held, (*reading, estimate.map(|(estimate, _)| estimate)))
+            })
+            .unzip();
+        // What is held is not judged either: where the robot was then is hardly known.
+        let judged: Vec<_> =
+            scanned.iter().zip(&held).filter(|(_, held)| !**held).map(|(scanned, _)| *scanned).collect();
+        let mut judged = mapper.integrate_scan(scan.sequence, &judged).into_iter();
         let mut verdicts = Vec::with_capacity(scan.readings.len());
-        for reading in &scan.readings {
-            let taken_ns = scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns));
-            let estimate = self.trajectory.at(taken_ns);
-            let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
-            let verdict = if held {
-                Verdict::Held
-            } else {
-                mapper.integrate(scan.sequence, reading, estimate.map(|(estimate, _)| estimate).as_ref())
-            };
+        for (reading, held) in scan.readings.iter().zip(held) {
+            let verdict = if held { Verdict::Held } else { judged.next().unwrap_or(Verdict::Held) };
             self.counts.add(verdict);
             verdicts.push((reading.transducer, verdict));
         }
@@ -167,7 +177,7 @@ impl MapperService {
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
         };
-        out.send(self.stamp_ns, Message::Info(info));
+        out.send(self.stamp_ns, Message::Info(Box::new(info)));
     }
 }
 

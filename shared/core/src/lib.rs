@@ -8,6 +8,7 @@
 pub mod angle;
 pub mod calibration;
 pub mod config;
+mod filter;
 pub mod grid;
 mod joint;
 pub mod kernel;

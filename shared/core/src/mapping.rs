@@ -1,26 +1,15 @@
 //! Algorithm 1: occupancy grid mapping.
 
-use crate::config::{ConfigError, Fusion, Limit, MapperConfig, Noise, SonarSelection};
+use crate::config::{ConfigError, Fusion, MapperConfig, Noise};
+use crate::filter::{Chain, Channel, channels, range_of};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
 use crate::kernel::Kernel;
 use crate::noise::NoiseTerms;
 use crate::odometry::Estimate;
-use crate::reading::{Echo, Reading};
-use crate::robot::{Robot, Sensor, SensorKind, Transducer};
+use crate::reading::Reading;
+use crate::robot::Robot;
 use crate::sensor_model::{Cone, Deviations};
 use crate::verdict::Verdict;
-
-/// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
-const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
-
-/// A transducer with all that the configuration says about it.
-#[derive(Debug, Clone, Copy)]
-struct Channel {
-    transducer: Transducer,
-    selected: bool,
-    min_range_m: f64,
-    max_range_m: f64,
-}
 
 /// Fuses readings into an occupancy grid.
 #[derive(Debug, Clone)]
@@ -29,6 +18,7 @@ pub struct GridMapper {
     noise: Noise,
     seed: u64,
     channels: Vec<Option<Channel>>,
+    chain: Chain,
     grid: Grid,
     kernel: Kernel,
     dirty: DirtyTiles,
@@ -42,11 +32,13 @@ impl GridMapper {
     /// left without a range between its limits.
     pub fn new(mapper: &MapperConfig, noise: Noise, seed: u64, robot: Robot) -> Result<Self, ConfigError> {
         mapper.validate()?;
+        let channels = channels(mapper, &robot)?;
         Ok(Self {
             config: mapper.clone(),
             noise,
             seed,
-            channels: channels(mapper, &robot)?,
+            chain: Chain::new(mapper, &channels),
+            channels,
             grid: Grid::new(mapper.resolution_m),
             kernel: Kernel::new(mapper.log_odds_prior, mapper.log_odds_max),
             dirty: DirtyTiles::default(),
@@ -65,19 +57,42 @@ impl GridMapper {
         self.dirty.take()
     }
 
-    /// Algorithm 1 of the paper, for one reading of ring `sequence`. `estimate` is where the robot was when the
-    /// reading was taken (the stamp of its scan plus the reading's own offset), if that is known.
+    /// Algorithm 1 of the paper, for one reading of ring `sequence`, which is judged by the filters that need no other.
+    /// `estimate` is where the robot was when the reading was taken (the stamp of its scan plus the reading's own offset),
+    /// if that is known.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
-        match self.try_integrate(sequence, reading, estimate) {
-            Ok(()) => Verdict::Accepted,
-            Err(refusal) => refusal,
-        }
+        let refusal = self.chain.refusal(&self.channels, reading);
+        self.fuse(sequence, reading, estimate, refusal)
+    }
+
+    /// Algorithm 1 of the paper, for a whole scan, the ring `sequence`: each reading, and where the robot was when it was
+    /// taken. All filters judge the scan, then what they left is fused. The verdicts are in the order of the readings.
+    pub fn integrate_scan(&mut self, sequence: u64, scan: &[(Reading, Option<Estimate>)]) -> Vec<Verdict> {
+        let refusals = self.chain.judge(&self.channels, scan);
+        let fuse = |((reading, estimate), refusal): (&(Reading, Option<Estimate>), Option<Verdict>)| {
+            self.fuse(sequence, reading, estimate.as_ref(), refusal)
+        };
+        scan.iter().zip(refusals).map(fuse).collect()
+    }
+
+    fn fuse(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: Option<&Estimate>,
+        refusal: Option<Verdict>,
+    ) -> Verdict {
+        let fused = match refusal {
+            Some(refusal) => Err(refusal),
+            None => self.try_integrate(sequence, reading, estimate),
+        };
+        fused.err().unwrap_or(Verdict::Accepted)
     }
 
     fn try_integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Result<(), Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
-        let range_m = channel.range_of(reading.echo)?;
+        let range_m = range_of(reading.echo)?;
         // Where was the robot then?
         let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
         let map_from_transducer = estimate.pose * channel.transducer.base_from_transducer;
@@ -129,84 +144,15 @@ impl GridMapper {
     }
 }
 
-impl Channel {
-    /// The range of an echo that may be used, or why it may not.
-    fn range_of(&self, echo: Echo) -> Result<f64, Verdict> {
-        let range_m = match echo {
-            Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => range_m,
-            Echo::NoEcho => return Err(Verdict::NoEcho),
-            Echo::Hit { .. } | Echo::Invalid => return Err(Verdict::Invalid),
-        };
-        if range_m < self.min_range_m {
-            Err(Verdict::BelowMinimum)
-        } else if range_m > self.max_range_m {
-            Err(Verdict::AboveMaximum)
-        } else if !self.selected {
-            Err(Verdict::NotSelected)
-        } else {
-            Ok(range_m)
-        }
-    }
-}
-
-/// What the configuration says about each transducer of the robot, by index.
-fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Option<Channel>>, ConfigError> {
-    let mut channels = Vec::new();
-    let mut sonars: u16 = 0;
-    let end_of = |sensor: &Sensor| u32::from(sensor.first_transducer) + u32::from(sensor.transducers);
-    let end = robot.sensors.iter().map(end_of).max().unwrap_or(0);
-    for index in (0..=u16::MAX).take(end as usize) {
-        let Some(transducer) = robot.transducer(index) else {
-            channels.push(None);
-            continue;
-        };
-        let selected = match transducer.kind {
-            SensorKind::Lidar => true,
-            SensorKind::Sonar => {
-                let number = sonars;
-                sonars = sonars.saturating_add(1);
-                is_selected(&config.sonars, number)
-            }
-        };
-        let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
-        channels.push(Some(Channel { transducer, selected, min_range_m, max_range_m }));
-    }
-    if let SonarSelection::Numbers(numbers) = &config.sonars {
-        for number in numbers {
-            ConfigError::unless(*number < sonars, "sonars", number, "numbers of sonars that the robot has")?;
-        }
-    }
-    Ok(channels)
-}
-
-fn is_selected(selection: &SonarSelection, number: u16) -> bool {
-    match selection {
-        SonarSelection::Word(_) => true,
-        SonarSelection::Numbers(numbers) => numbers.contains(&number),
-    }
-}
-
-fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
-    let own = match transducer.kind {
-        SensorKind::Sonar => SONAR_LIMITS_M,
-        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m),
-    };
-    let metres = |limit: Limit, own: f64| match limit {
-        Limit::Metres(metres) => metres,
-        Limit::Word(_) => own,
-    };
-    let (min, max) = (metres(config.min_range_m, own.0), metres(config.max_range_m, own.1));
-    ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
-    Ok((min, max))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::LimitWord;
+    use crate::config::{Limit, LimitWord, SonarSelection};
     use crate::grid::CellIndex;
     use crate::odometry::OdometryErrors;
     use crate::pose::Pose2;
+    use crate::reading::Echo;
+    use crate::robot::{Sensor, SensorKind};
 
     fn sensor(kind: SensorKind, first_transducer: u16, transducers: u16, mount: Pose2) -> Sensor {
         Sensor {

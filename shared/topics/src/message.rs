@@ -217,7 +217,7 @@ pub enum Message {
     /// [`Topic::MapTiles`].
     Tile(TileUpdate),
     /// [`Topic::MapInfo`].
-    Info(MapInfo),
+    Info(Box<MapInfo>),
     /// [`Topic::RangeVerdict`]: transducer and verdict, in the order of the scan with the same stamp.
     Verdicts(Vec<(u16, Verdict)>),
     /// [`Topic::Health`].
