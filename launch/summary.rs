@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use echogrid_core::Verdict;
 use serde::Serialize;
 
+use crate::sonars::{Sonar, conspicuous};
 use crate::supervisor::Outcome;
 
 /// What a run came to.
@@ -25,6 +26,10 @@ pub struct Summary {
     pub accepted: u64,
     /// Readings refused, by reason.
     pub refused: Vec<Refused>,
+    /// What became of the readings of each sonar, by its number.
+    pub sonars: Vec<Sonar>,
+    /// The sonars that seem to be broken, in words.
+    pub conspicuous: Vec<String>,
     /// Travelled by odometry, metres.
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
@@ -105,6 +110,8 @@ impl Summary {
             readings: map.verdicts.total(),
             accepted: map.verdicts.get(Verdict::Accepted),
             refused,
+            conspicuous: conspicuous(&map.sonars),
+            sonars: map.sonars.iter().map(Sonar::of).collect(),
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
@@ -167,6 +174,9 @@ impl fmt::Display for Summary {
             write!(f, "{lead}{} {}", refused.readings, refused.reason.replace('_', " "))?;
         }
         writeln!(f)?;
+        for sonar in &self.conspicuous {
+            writeln!(f, "sonars    {sonar}")?;
+        }
         if let Some([width_m, height_m]) = self.world_m {
             writeln!(f, "world     {width_m:.1} × {height_m:.1} m")?;
         }

@@ -117,6 +117,11 @@ pub(crate) static SIMULATOR: Section = Section {
         ),
         key("bounces", "a whole number from 0 to 8", "mirrors that sound is followed over"),
         key("crosstalk", "true or false", "whether sonars hear each other"),
+        key(
+            "faults",
+            "a list of { sonar = 5, kind = \"stuck\", \"short\" or \"silent\", range_m = 0.5, from_s = 0 }",
+            "sonars that break: { sonar = 5, kind = \"stuck\", range_m = 0.5, from_s = 30 }; short: blocked there; silent",
+        ),
         key("lidar_period_s", "a number of seconds", "seconds from one scan of a lidar to the next"),
         key("lidar_dropout_ratio", "a share from 0 to 1", "share of a lidar's beams that never come back"),
     ],

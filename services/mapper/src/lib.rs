@@ -10,9 +10,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{
-    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, TileIndex, Verdict, VerdictCounts,
+    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, SensorKind, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_topics::wire::MAX_SENSORS;
 use echogrid_topics::{Command, MapInfo, Message, TileUpdate, Topic};
 use trajectory::Trajectory;
 
@@ -53,6 +54,8 @@ pub struct MapperService {
     waiting: VecDeque<Scan>,
     summary: RunningSummary,
     counts: VerdictCounts,
+    /// Of each sonar, by its number.
+    sonar_counts: Vec<VerdictCounts>,
     /// By the user.
     paused: bool,
     scans: u64,
@@ -77,6 +80,7 @@ impl MapperService {
             waiting: VecDeque::new(),
             summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
+            sonar_counts: Vec::new(),
             paused: false,
             scans: 0,
             revision: 0,
@@ -124,6 +128,11 @@ impl MapperService {
         for (reading, held) in scan.readings.iter().zip(held) {
             let verdict = if held { Verdict::Held } else { judged.next().unwrap_or(Verdict::Held) };
             self.counts.add(verdict);
+            if let Some(counts) =
+                mapper.sonar_of(reading.transducer).and_then(|n| self.sonar_counts.get_mut(usize::from(n)))
+            {
+                counts.add(verdict);
+            }
             verdicts.push((reading.transducer, verdict));
         }
         self.trajectory.forget_before(scan.stamp_ns);
@@ -176,6 +185,7 @@ impl MapperService {
             degraded: latest.is_some_and(|latest| latest.degraded),
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
+            sonars: self.sonar_counts.clone(),
         };
         out.send(self.stamp_ns, Message::Info(Box::new(info)));
     }
@@ -195,6 +205,9 @@ impl Service for MapperService {
             Input::Message { message: Message::Robot(robot), .. } => {
                 if self.mapper.is_none() {
                     let OdometryConfig { noise, seed, .. } = self.odometry;
+                    let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
+                    let sonars: usize = sonars.map(|sensor| usize::from(sensor.transducers)).sum();
+                    self.sonar_counts = vec![VerdictCounts::default(); sonars.min(MAX_SENSORS)];
                     self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
                 }
             }

@@ -57,6 +57,12 @@ impl GridMapper {
         self.dirty.take()
     }
 
+    /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
+    #[must_use]
+    pub fn sonar_of(&self, transducer: u16) -> Option<u16> {
+        self.channel(transducer)?.sonar
+    }
+
     /// Algorithm 1 of the paper, for one reading of ring `sequence`, which is judged by the filters that need no other.
     /// `estimate` is where the robot was when the reading was taken (the stamp of its scan plus the reading's own offset),
     /// if that is known.

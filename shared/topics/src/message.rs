@@ -149,6 +149,8 @@ pub struct MapInfo {
     pub held: bool,
     /// Absolute fixes so far.
     pub fixes: u32,
+    /// What became of the readings of each sonar, by its number; of at most [`MAX_SENSORS`].
+    pub sonars: Vec<VerdictCounts>,
 }
 
 /// State of a service.
@@ -587,6 +589,12 @@ impl From<&MapInfo> for MapInfoWire {
         for verdict in Verdict::ALL {
             verdicts[verdict as usize] = info.verdicts.get(verdict);
         }
+        let mut sonar_verdicts = [0; MAX_VERDICTS * MAX_SENSORS];
+        for (slots, counts) in sonar_verdicts.chunks_exact_mut(MAX_VERDICTS).zip(&info.sonars) {
+            for (verdict, count) in counts.iter() {
+                slots[verdict as usize] = u32::try_from(count).unwrap_or(u32::MAX);
+            }
+        }
         Self {
             revision: info.revision,
             scans: info.scans,
@@ -602,6 +610,9 @@ impl From<&MapInfo> for MapInfoWire {
                 + u32::from(info.degraded) * MAP_DEGRADED
                 + u32::from(info.held) * MAP_HELD,
             fixes: info.fixes,
+            sonar_count: info.sonars.len().min(MAX_SENSORS) as u32,
+            reserved: 0,
+            sonar_verdicts,
         }
     }
 }
@@ -614,6 +625,14 @@ impl TryFrom<&MapInfoWire> for MapInfo {
         for verdict in Verdict::ALL {
             verdicts.add_many(verdict, wire.verdicts[verdict as usize]);
         }
+        check(wire.sonar_count as usize <= MAX_SENSORS, "sonar_count", wire.sonar_count, "at most 32")?;
+        let of_sonar = |slots: &[u32]| {
+            let mut counts = VerdictCounts::default();
+            Verdict::ALL.into_iter().zip(slots).for_each(|(verdict, count)| counts.add_many(verdict, (*count).into()));
+            counts
+        };
+        let sonars =
+            wire.sonar_verdicts.chunks_exact(MAX_VERDICTS).take(wire.sonar_count as usize).map(of_sonar).collect();
         let [i_low, j_low, i_high, j_high] = wire.bounds;
         Ok(Self {
             revision: wire.revision,
@@ -631,6 +650,7 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             degraded: wire.flags & MAP_DEGRADED != 0,
             held: wire.flags & MAP_HELD != 0,
             fixes: wire.fixes,
+            sonars,
         })
     }
 }

@@ -221,7 +221,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/2" MapInfoWire {
+    "echogrid/MapInfo/3" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -246,6 +246,12 @@ wire! {
         flags: u32,
         /// Absolute fixes so far.
         fixes: u32,
+        /// How many of `sonar_verdicts` are in use.
+        sonar_count: u32,
+        /// Zero.
+        reserved: u32,
+        /// Readings by verdict code, 16 counts for each sonar, by its number; 2^32 − 1: that many or more.
+        sonar_verdicts: [u32; 512],
     }
 }
 

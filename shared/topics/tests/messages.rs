@@ -124,9 +124,25 @@ fn info() -> impl Strategy<Value = MapInfo> {
         verdicts
     });
     let cells = prop::option::of((1_u64.., bounds));
-    let flags = any::<([bool; 3], u32)>();
+    let sonars = prop::collection::vec(any::<[u32; Verdict::COUNT]>(), 0..=MAX_SENSORS).prop_map(|sonars| {
+        let counts = |counts: [u32; Verdict::COUNT]| {
+            let mut verdicts = VerdictCounts::default();
+            Verdict::ALL.into_iter().zip(counts).for_each(|(verdict, count)| verdicts.add_many(verdict, count.into()));
+            verdicts
+        };
+        sonars.into_iter().map(counts).collect::<Vec<_>>()
+    });
+    let flags = (any::<([bool; 3], u32)>(), sonars);
     (any::<[u64; 4]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
-        |([revision, scans, occupied, free], cells, entropy_bits, trust, distance_m, verdicts, (flags, fixes))| {
+        |(
+            [revision, scans, occupied, free],
+            cells,
+            entropy_bits,
+            trust,
+            distance_m,
+            verdicts,
+            ((flags, fixes), sonars),
+        )| {
             MapInfo {
                 revision,
                 scans,
@@ -142,6 +158,7 @@ fn info() -> impl Strategy<Value = MapInfo> {
                 degraded: flags[1],
                 held: flags[2],
                 fixes,
+                sonars,
             }
         },
     )
@@ -392,6 +409,7 @@ fn tiles_that_cannot_be() {
 fn numbers_of_a_map_that_cannot_be() {
     let check = |field, spoil: fn(&mut MapInfoWire)| refused::<_, MapInfo>(MapInfoWire::default(), field, spoil);
     assert!(MapInfo::try_from(&MapInfoWire::default()).is_ok());
+    check("sonar_count", |w| w.sonar_count = 33);
     check("entropy_bits", |w| w.entropy_bits = -1.0);
     check("trust", |w| w.trust = f64::NAN);
     check("distance_m", |w| w.distance_m = f64::INFINITY);

@@ -3,12 +3,14 @@
 use super::range::range_limits;
 use super::selection::selected;
 use crate::config::{ConfigError, MapperConfig};
-use crate::robot::{Robot, Sensor, Transducer};
+use crate::robot::{Robot, Sensor, SensorKind, Transducer};
 
 /// A transducer, its range limits, and whether it is used.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Channel {
     pub(crate) transducer: Transducer,
+    /// Its number among the robot's sonars, if it is one.
+    pub(crate) sonar: Option<u16>,
     pub(crate) selected: bool,
     /// Metres.
     pub(crate) min_range_m: f64,
@@ -26,10 +28,12 @@ pub(crate) fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Optio
     let transducers: Vec<Option<Transducer>> =
         (0..=u16::MAX).take(end as usize).map(|index| robot.transducer(index)).collect();
     let selected = selected(&config.sonars, &transducers)?;
+    let mut sonars = 0..=u16::MAX;
     let channel = |(transducer, selected): (Option<Transducer>, bool)| {
         let Some(transducer) = transducer else { return Ok(None) };
         let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
-        Ok(Some(Channel { transducer, selected, min_range_m, max_range_m }))
+        let sonar = if transducer.kind == SensorKind::Sonar { sonars.next() } else { None };
+        Ok(Some(Channel { transducer, sonar, selected, min_range_m, max_range_m }))
     };
     transducers.into_iter().zip(selected).map(channel).collect()
 }
