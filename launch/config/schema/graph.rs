@@ -293,6 +293,7 @@ static MAPPER: Section = Section {
         key("stuck_after_m", "a number of metres", "metres over which a stuck sonar repeats its value"),
         key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
         key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),
+        key("sonar_maps", "true or false", "whether a map of each sonar is kept besides, and saved as sonars.png"),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

@@ -10,11 +10,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{
-    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, SensorKind, TileIndex, Verdict, VerdictCounts,
+    GridMapper, MapperConfig, OdometryConfig, Reading, RunningSummary, SensorKind, Tile, TileIndex, Verdict,
+    VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::wire::MAX_SENSORS;
-use echogrid_topics::{Command, MapInfo, Message, TileUpdate, Topic};
+use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
 use trajectory::Trajectory;
 
 /// What it reads.
@@ -157,13 +158,11 @@ impl MapperService {
         self.summary.changed(&dirty);
         for index in dirty {
             let Some(tile) = mapper.grid().tile(index) else { continue };
-            let update = TileUpdate {
-                index,
-                revision: tile.revision,
-                resolution_m: self.config.resolution_m,
-                log_odds: tile.log_odds.clone(),
-            };
-            out.send(self.stamp_ns, Message::Tile(update));
+            out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
+        }
+        for (sonar, index) in mapper.take_dirty_of_sonars() {
+            let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };
+            out.send(self.stamp_ns, update(Layer::Sonar(sonar), index, tile, self.config.resolution_m));
         }
     }
 
@@ -189,6 +188,11 @@ impl MapperService {
         };
         out.send(self.stamp_ns, Message::Info(Box::new(info)));
     }
+}
+
+fn update(layer: Layer, index: TileIndex, tile: &Tile, resolution_m: f64) -> Message {
+    let Tile { revision, log_odds } = tile.clone();
+    Message::Tile(TileUpdate { layer, index, revision, resolution_m, log_odds })
 }
 
 impl Service for MapperService {

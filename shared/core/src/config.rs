@@ -236,6 +236,8 @@ pub struct MapperConfig {
     pub lone_tolerance_m: f64,
     /// A point that is this little inside of a bubble does not invade it, metres.
     pub bubble_tolerance_m: f64,
+    /// Whether a map of each sonar is kept besides.
+    pub sonar_maps: bool,
 }
 
 impl Default for MapperConfig {
@@ -256,6 +258,7 @@ impl Default for MapperConfig {
             stuck_after_m: 0.5,
             lone_tolerance_m: 0.15,
             bubble_tolerance_m: 0.05,
+            sonar_maps: false,
         }
     }
 }

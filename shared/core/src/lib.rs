@@ -24,6 +24,7 @@ pub mod raster;
 pub mod reading;
 pub mod robot;
 pub mod sensor_model;
+mod sonar_maps;
 pub mod summary;
 pub mod verdict;
 pub mod world;

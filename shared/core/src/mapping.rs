@@ -9,6 +9,7 @@ use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::robot::Robot;
 use crate::sensor_model::{Cone, Deviations};
+use crate::sonar_maps::SonarMaps;
 use crate::verdict::Verdict;
 
 /// Fuses readings into an occupancy grid.
@@ -22,6 +23,8 @@ pub struct GridMapper {
     grid: Grid,
     kernel: Kernel,
     dirty: DirtyTiles,
+    /// None: not asked for.
+    sonar_maps: Option<SonarMaps>,
 }
 
 impl GridMapper {
@@ -42,6 +45,7 @@ impl GridMapper {
             grid: Grid::new(mapper.resolution_m),
             kernel: Kernel::new(mapper.log_odds_prior, mapper.log_odds_max),
             dirty: DirtyTiles::default(),
+            sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
         })
     }
 
@@ -55,6 +59,17 @@ impl GridMapper {
     /// ring that changed it last.
     pub fn take_dirty(&mut self) -> Vec<TileIndex> {
         self.dirty.take()
+    }
+
+    /// The map of a sonar, by its number: none unless `sonar_maps` is set, and while it heard nothing within its range.
+    #[must_use]
+    pub fn sonar_grid(&self, sonar: u16) -> Option<&Grid> {
+        self.sonar_maps.as_ref()?.get(sonar)
+    }
+
+    /// The tiles of sonars' maps that changed since the last call, by sonar, row by row.
+    pub fn take_dirty_of_sonars(&mut self) -> Vec<(u16, TileIndex)> {
+        self.sonar_maps.as_mut().map(SonarMaps::take_dirty).unwrap_or_default()
     }
 
     /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
@@ -92,7 +107,28 @@ impl GridMapper {
             Some(refusal) => Err(refusal),
             None => self.try_integrate(sequence, reading, estimate),
         };
-        fused.err().unwrap_or(Verdict::Accepted)
+        let verdict = fused.err().unwrap_or(Verdict::Accepted);
+        if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
+            self.add_to_sonar_map(sequence, reading, estimate, verdict);
+        }
+        verdict
+    }
+
+    /// What a sonar says goes into its own map whatever the filters that came after the range limits thought of it; log-odds
+    /// are added.
+    fn add_to_sonar_map(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>, verdict: Verdict) {
+        let filtered =
+            matches!(verdict, Verdict::NotSelected | Verdict::Stuck | Verdict::Lone | Verdict::MultipleReflection);
+        let channel = self.channel(reading.transducer).filter(|_| filtered || verdict == Verdict::Accepted);
+        let (Some(channel), Some(estimate)) = (channel, estimate.filter(|e| e.pose.is_finite())) else { return };
+        let (Some(sonar), Ok(range_m)) = (channel.sonar, range_of(reading.echo)) else { return };
+        let Ok(cone) = self.cone(&channel, range_m, estimate, (sequence, reading.transducer)) else { return };
+        let map_from_transducer = estimate.pose * channel.transducer.base_from_transducer;
+        if let Some(maps) = &mut self.sonar_maps {
+            let (grid, dirty) = maps.of(sonar);
+            // A cone outside of what a map can hold is outside of the other too.
+            let _ = self.kernel.add(grid, dirty, map_from_transducer, &cone, sequence);
+        }
     }
 
     fn try_integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Result<(), Verdict> {

@@ -27,6 +27,9 @@ const HOLD: u32 = 2;
 const FINISHED: u32 = 1;
 const MAP_DEGRADED: u32 = 2;
 const MAP_HELD: u32 = 4;
+/// Layers of tiles; 2 is kept for doubt.
+const LAYER_MAP: u16 = 0;
+const LAYER_SONAR: u16 = 1;
 /// What is known in a fix.
 const POSITION: u32 = 1;
 const HEADING: u32 = 2;
@@ -105,9 +108,20 @@ pub struct LocalizationFix {
     pub fix: Option<Fix>,
 }
 
+/// What a tile is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Layer {
+    /// The map.
+    Map,
+    /// What one sonar alone says: its number.
+    Sonar(u16),
+}
+
 /// One tile of the map, whole.
 #[derive(Debug, Clone)]
 pub struct TileUpdate {
+    /// Of which map.
+    pub layer: Layer,
     /// Which tile.
     pub index: TileIndex,
     /// Number of the scan that changed it last.
@@ -553,7 +567,14 @@ impl TryFrom<&FixWire> for LocalizationFix {
 
 impl From<&TileUpdate> for TileWire {
     fn from(tile: &TileUpdate) -> Self {
+        let (layer, sonar) = match tile.layer {
+            Layer::Map => (LAYER_MAP, 0),
+            Layer::Sonar(number) => (LAYER_SONAR, number),
+        };
         Self {
+            layer,
+            sonar,
+            reserved: 0,
             tile_x: tile.index.x,
             tile_y: tile.index.y,
             revision: tile.revision,
@@ -574,7 +595,15 @@ impl TryFrom<&TileWire> for TileUpdate {
         if let Some(value) = wire.log_odds.iter().find(|value| value.is_infinite()) {
             check(false, "log_odds", value, "finite, or NaN for unknown")?;
         }
+        let layer = match wire.layer {
+            LAYER_MAP => Layer::Map,
+            LAYER_SONAR => Layer::Sonar(wire.sonar),
+            other => {
+                return Err(Fault { field: "layer", value: other.to_string(), expected: "0 map or 1 sonar" });
+            }
+        };
         Ok(Self {
+            layer,
             index: TileIndex { x: wire.tile_x, y: wire.tile_y },
             revision: wire.revision,
             resolution_m: wire.resolution_m,

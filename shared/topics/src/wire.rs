@@ -205,7 +205,7 @@ wire! {
 
 wire! {
     /// `map/tiles`: one tile that changed.
-    "echogrid/MapTile/1" TileWire {
+    "echogrid/MapTile/2" TileWire {
         /// The tile covers the cells 64 x … 64 x + 63 along x.
         tile_x: i32,
         /// Likewise along y.
@@ -214,6 +214,12 @@ wire! {
         revision: u64,
         /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
         resolution_m: f64,
+        /// 0 the map; 1 the map of one sonar. (2 is kept for doubt.)
+        layer: u16,
+        /// Number of the sonar, where the layer is one's; else 0.
+        sonar: u16,
+        /// Zero.
+        reserved: u32,
         /// ln(p/(1−p)), row by row, row 0 at the lowest y; NaN: no reading touched the cell.
         log_odds: [f32; 4096],
     }
@@ -490,7 +496,7 @@ mod tests {
         }
         assert_eq!(size_of::<ReadingWire>(), 8 + 4 + 2 + 1 + 1);
         assert_eq!(size_of::<EstimateWire>(), 20 * 8 + 8);
-        assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 4 * 4096);
+        assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 2 + 2 + 4 + 4 * 4096);
     }
 
     #[test]

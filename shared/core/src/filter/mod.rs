@@ -70,6 +70,13 @@ impl Chain {
         self.filters.iter().find_map(|filter| alone(*filter, channel, range_m))
     }
 
+    /// Whether a reading is an echo within the range limits, or there are none.
+    pub(crate) fn in_range(&self, channels: &[Option<Channel>], reading: &Reading) -> bool {
+        heard(channels, reading).is_ok_and(|(channel, range_m)| {
+            !self.filters.contains(&Filter::Range) || range::refusal(channel, range_m).is_none()
+        })
+    }
+
     /// Why each reading of a scan is refused, if it is.
     pub(crate) fn judge(
         &mut self,

@@ -266,3 +266,47 @@ proptest! {
         }
     }
 }
+
+proptest! {
+    /// Where nothing clamps, the maps of the sonars add up to the map of all.
+    #[test]
+    fn sonar_maps_add_up_to_the_map(
+        rings in prop::collection::vec((prop::array::uniform16(0.1..4.5f64), -1.0..1.0f64, -3.0..3.0f64), 1..6),
+    ) {
+        let config = MapperConfig { sonar_maps: true, log_odds_max: 100.0, ..config(&ALL[..2]) };
+        let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, robot()).unwrap();
+        for (sequence, (ranges, x, theta)) in (1..).zip(&rings) {
+            let estimate = Some(Estimate::certain(Pose2::new(*x, 0.0, *theta)));
+            let scan: Vec<_> = ranges.iter().enumerate().map(|(sonar, range_m)| (hit(sonar, *range_m), estimate)).collect();
+            mapper.integrate_scan(sequence, &scan);
+        }
+        let mut known = 0;
+        for (index, tile) in mapper.grid().tiles() {
+            for (offset, log_odds) in tile.log_odds.iter().enumerate() {
+                let told: Vec<f32> = (0..16)
+                    .filter_map(|sonar| mapper.sonar_grid(sonar)?.tile(index))
+                    .map(|tile| tile.log_odds[offset])
+                    .filter(|log_odds| !log_odds.is_nan())
+                    .collect();
+                prop_assert_eq!(told.is_empty(), log_odds.is_nan());
+                prop_assert!(told.is_empty() || (told.iter().sum::<f32>() - log_odds).abs() < 1e-4);
+                known += told.len();
+            }
+        }
+        prop_assert_eq!(known > 0, !mapper.take_dirty_of_sonars().is_empty());
+    }
+}
+
+#[test]
+fn a_sonar_that_is_refused_has_a_map_all_the_same() {
+    let config = MapperConfig { sonar_maps: true, sonars: SonarSelection::Numbers(vec![3]), ..config(&ALL) };
+    let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, robot()).unwrap();
+    let here = Some(Estimate::certain(Pose2::IDENTITY));
+    let verdicts = mapper.integrate_scan(1, &[(hit(3, 9.0), here), (hit(7, 1.0), here), (hit(5, 1.0), None)]);
+    assert_eq!(verdicts, [Verdict::AboveMaximum, Verdict::NotSelected, Verdict::NotSelected]);
+    assert_eq!(mapper.grid().tile_count(), 0);
+    let maps: Vec<u16> = (0..16).filter(|sonar| mapper.sonar_grid(*sonar).is_some()).collect();
+    assert_eq!(maps, [7]);
+    assert!(mapper.take_dirty_of_sonars().iter().all(|(sonar, _)| *sonar == 7));
+    assert!(mapper.take_dirty_of_sonars().is_empty());
+}
