@@ -51,6 +51,7 @@ struct Sonar {
     before: Option<Claim>,
     /// How often, lately, it saw an obstacle where there is none: a share.
     imagines: f64,
+    stuck: bool,
     blocked: bool,
     faulty: bool,
 }
@@ -114,12 +115,13 @@ impl Sonar {
     fn is_faulty(&mut self, claim: &Claim, opinion: Opinion, stuck_after_m: f64) -> bool {
         self.repeat(claim, matches!(opinion, Opinion::Nothing | Opinion::Something));
         let wrong = f64::from(self.wrong) >= WRONG_REPEATING * f64::from(self.repeats);
-        let stuck = self.repeats >= REPEATS && self.went_m >= stuck_after_m && wrong;
+        // Until it tells another range.
+        self.stuck |= self.repeats >= REPEATS && self.went_m >= stuck_after_m && wrong;
         if opinion != Opinion::None {
             self.imagines += SHARE * (f64::from(u8::from(opinion == Opinion::Nothing)) - self.imagines);
         }
         self.blocked = self.imagines >= if self.blocked { WRONG_NO_MORE } else { WRONG };
-        self.faulty = stuck || self.blocked;
+        self.faulty = self.stuck || self.blocked;
         self.faulty
     }
 
@@ -133,6 +135,7 @@ impl Sonar {
             });
         } else {
             (self.same_m, self.repeats, self.went_m, self.wrong) = (claim.range_m, 1, 0.0, 0);
+            self.stuck = false;
         }
         self.wrong = self.wrong.saturating_add(u32::from(wrong));
         self.before = Some(*claim);
