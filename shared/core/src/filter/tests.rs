@@ -42,7 +42,7 @@ fn heard_m(room: [f64; 2], pose: Pose2, sonar: usize) -> f64 {
         _ => f64::INFINITY,
     };
     let ray = |step: i32| {
-        let (sin, cos) = (at.theta + BETA_RAD * f64::from(step) / 20.0).sin_cos();
+        let (sin, cos) = libm::sincos(at.theta + BETA_RAD * f64::from(step) / 20.0);
         along(at.x, cos, room[0]).min(along(at.y, sin, room[1]))
     };
     (-10..=10).map(ray).fold(f64::INFINITY, f64::min)
@@ -84,7 +84,7 @@ fn drive(filters: &[Filter], fault: impl Fn(usize, usize, f64) -> f64) -> Vec<Ve
     for ring in 0..300 {
         let way = if ring < 150 { 1.0 + 0.1 * ring as f64 } else { 16.0 - 0.1 * (ring - 150) as f64 };
         let back = if ring < 150 { 0.0 } else { PI };
-        let pose = Pose2::new(way, 1.4 + 0.3 * (way / 2.0).sin(), back + 0.15 * (way / 2.0).cos());
+        let pose = Pose2::new(way, 1.4 + 0.3 * libm::sin(way / 2.0), back + 0.15 * libm::cos(way / 2.0));
         let ranges: Vec<_> = (0..16).map(|sonar| (sonar, fault(ring, sonar, heard_m(room, pose, sonar)))).collect();
         for (sonar, verdict) in judge.ring(pose, &ranges).into_iter().enumerate() {
             counts[sonar].add(verdict.unwrap_or(Verdict::Accepted));
