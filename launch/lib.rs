@@ -5,6 +5,7 @@ pub mod commands;
 pub mod config;
 pub mod in_process;
 pub mod progress;
+pub mod sonars;
 pub mod summary;
 pub mod supervisor;
 pub mod testing;

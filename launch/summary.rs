@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use echogrid_core::Verdict;
 use serde::Serialize;
 
+use crate::sonars::{Sonar, conspicuous};
 use crate::supervisor::Outcome;
 
 /// What a run came to.
@@ -29,6 +30,10 @@ pub struct Summary {
     pub remapped: u64,
     /// Readings that a fix came too late for, or too far off.
     pub remap_left: u64,
+    /// What became of the readings of each sonar, by its number.
+    pub sonars: Vec<Sonar>,
+    /// The sonars that seem to be broken, in words.
+    pub conspicuous: Vec<String>,
     /// Travelled by odometry, metres.
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
@@ -113,6 +118,8 @@ impl Summary {
             refused,
             remapped: map.remapped,
             remap_left: map.remap_left,
+            conspicuous: conspicuous(&map.sonars),
+            sonars: map.sonars.iter().map(Sonar::of).collect(),
             distance_m: map.distance_m,
             trust: map.trust,
             fixes: map.fixes,
@@ -182,6 +189,9 @@ impl fmt::Display for Summary {
             write!(f, "; {} not, though a fix came", self.remap_left)?;
         }
         writeln!(f)?;
+        for sonar in &self.conspicuous {
+            writeln!(f, "sonars    {sonar}")?;
+        }
         if let Some([width_m, height_m]) = self.world_m {
             writeln!(f, "world     {width_m:.1} × {height_m:.1} m")?;
         }

@@ -9,6 +9,7 @@ use echogrid_formats::log::{self, LogSurvey, StampQuality};
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::Source;
+use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
@@ -160,7 +161,8 @@ fn source(config: &Config) -> String {
 
 /// The files that a run wrote which started at `start`; older ones are of another run.
 fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
-    let names = MapFiles::names(&config.publisher.map_files());
+    let mut names = MapFiles::names(&config.publisher.map_files());
+    names.push(SONARS_FILE.to_owned());
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
     names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }

@@ -5,7 +5,7 @@ use echogrid_core::{Grid, Pose2, Tile, Verdict};
 use echogrid_formats::map::sheet::Panel;
 use echogrid_publisher::PublisherService;
 use echogrid_service::{Input, Outbox, Service};
-use echogrid_topics::{Message, TileUpdate, Topic};
+use echogrid_topics::{Layer, Message, TileUpdate, Topic};
 
 /// A map at a moment.
 pub(super) struct Snapshot {
@@ -84,7 +84,8 @@ impl Observer {
     }
 
     fn look(&mut self) {
-        let panel = Panel { grid: self.grid.clone(), robot: self.robot, true_robot: self.true_robot };
+        let label = String::new();
+        let panel = Panel { grid: self.grid.clone(), robot: self.robot, true_robot: self.true_robot, label };
         self.moments.push(Snapshot { panel, trust: self.trust });
     }
 
@@ -93,7 +94,7 @@ impl Observer {
             self.look();
         }
         match message {
-            Message::Tile(TileUpdate { index, revision, log_odds, .. }) => {
+            Message::Tile(TileUpdate { layer: Layer::Map, index, revision, log_odds, .. }) => {
                 *self.grid.tile_mut(*index) = Tile { revision: *revision, log_odds: log_odds.clone() };
             }
             Message::Estimate(estimate) => {

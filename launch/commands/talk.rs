@@ -109,7 +109,7 @@ fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
     loop {
         port.hush()?;
         if let Some(Received::Message(_, Message::Info(info))) = port.receive()? {
-            return Ok(Some(info));
+            return Ok(Some(*info));
         }
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {

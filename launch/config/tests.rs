@@ -103,7 +103,15 @@ fn bad_graph_files() {
     check("[mapper]\nlog_odds_max = inf", &["inf is not a finite number"]);
     check("[mapper]\nmax_range_m = \"4 m\"", &["expected a number of metres or \"auto\"; write max_range_m = 4"]);
     check("[mapper]\nmax_range_m = \"atuo\"", &["expected a number of metres or \"auto\"; did you mean \"auto\"?"]);
-    check("[mapper]\nsonars = [0, -1]", &["mapper.sonars = [0, -1]: expected \"all\" or a list of sonar numbers"]);
+    check(
+        "[mapper]\nsonars = [0, -1]",
+        &["mapper.sonars = [0, -1]: expected \"all\", \"corridor\" or a list of sonar numbers"],
+    );
+    check(
+        "[mapper]\nfilters = [\"range\", \"bubbel\"]",
+        &["expected a list of range, selection, stuck, lone, bubble; did you mean \"bubble\"?"],
+    );
+    check("[mapper]\nfilters = [\"lone\", \"lone\"]", &["mapper.filters = [lone, lone]: expected each filter once"]);
     check("[odometry]\nseed = -1", &["odometry.seed = -1: expected a whole number"]);
     check("[odometry]\nseed = 99999999999999999999", &["99999999999999999999 is too large"]);
     check("[publisher]\ndraw_path = \"yes\"", &["publisher.draw_path = \"yes\": expected true or false"]);

@@ -293,7 +293,7 @@ impl Supervisor {
         self.info.hush()?;
         while let Some(received) = self.info.receive()? {
             if let Received::Message(_, Message::Info(info)) = received {
-                self.outcome.map = Some(info);
+                self.outcome.map = Some(*info);
             }
         }
         self.world.hush()?;

@@ -291,7 +291,10 @@ fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
     for (every, remap, expected) in figures {
         let remap = format!("mapper.remap={remap}");
         let arguments = ["map", &log, "--out", &folder, "--fix", "truth", "--fix-every", every, "-q"];
-        let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03", &remap];
+        let unfiltered = "mapper.filters=[\"range\", \"selection\"]";
+        let scale = "odometry.lin_scale=0.03";
+        let sets =
+            ["odometry.systematic=carry", scale, "odometry.ang_scale=0.03", unfiltered, &remap, "mapper.fusion=paper"];
         let sets = sets.into_iter().flat_map(|set| ["--set", set]);
         let output = echogrid(arguments.into_iter().chain(sets));
         assert!(output.status.success(), "{}", said(&output));

@@ -7,6 +7,7 @@ mod demo;
 mod drive;
 mod experiment;
 mod failure;
+mod filters;
 mod localization;
 mod maps;
 mod real_logs;

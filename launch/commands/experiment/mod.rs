@@ -180,7 +180,7 @@ fn write_sheet(
         panels: seen.moments.into_iter().map(|moment| moment.panel).collect(),
     });
     let columns = moments.iter().map(|moment| format!("{}, {:.0} s", moment.what, moment.stamp_s)).collect();
-    let sheet = Sheet { world, frame_m: frame_m(world, path), columns, rows: rows.collect() };
+    let sheet = Sheet { world: Some(world), frame_m: frame_m(world, path), columns, rows: rows.collect() };
     Ok(sheet::write(file, &sheet)?)
 }
 

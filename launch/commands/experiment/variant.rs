@@ -74,8 +74,9 @@ impl Variant {
     /// The configuration of the drive mapped so.
     pub(super) fn config(&self, drive: &Drive, out: &Path) -> Result<Config> {
         let sonars = if self.all_sonars { "\"all\"".to_owned() } else { format!("{SIDE_SONARS:?}") };
-        // The paper refuses no reading for being doubtful.
-        let common = ["mapper.min_trust=0".to_owned(), format!("mapper.sonars={sonars}")];
+        // The paper refuses no reading for being doubtful, and gave up the bubble circles.
+        let filters = "mapper.filters=[\"range\", \"selection\"]".to_owned();
+        let common = ["mapper.min_trust=0".to_owned(), filters, format!("mapper.sonars={sonars}")];
         let files = ["publisher.formats=[\"png\", \"echogrid\"]".to_owned()];
         let request = LoadRequest {
             sensor: Some("simulator".to_owned()),

@@ -117,6 +117,11 @@ pub(crate) static SIMULATOR: Section = Section {
         ),
         key("bounces", "a whole number from 0 to 8", "mirrors that sound is followed over"),
         key("crosstalk", "true or false", "whether sonars hear each other"),
+        key(
+            "faults",
+            "a list of { sonar = 5, kind = \"stuck\", \"short\" or \"silent\", range_m = 0.5, from_s = 0 }",
+            "sonars that break: { sonar = 5, kind = \"stuck\", range_m = 0.5, from_s = 30 }; short: blocked there; silent",
+        ),
         key("lidar_period_s", "a number of seconds", "seconds from one scan of a lidar to the next"),
         key("lidar_dropout_ratio", "a share from 0 to 1", "share of a lidar's beams that never come back"),
     ],
@@ -278,9 +283,10 @@ static MAPPER: Section = Section {
         key("min_trust", "a number from 0 to 1", "readings that are trusted less are refused"),
         words(
             "sonars",
-            &["all"],
-            "\"all\" or a list of sonar numbers",
-            "sonars that are used: \"all\", or their numbers",
+            &["all", "corridor"],
+            "\"all\", \"corridor\" or a list of sonar numbers",
+            "sonars that are used: \"all\"; \"corridor\": those at right angles to its walls, and those nearest to the robot's \
+             axis; or their numbers",
         ),
         key(
             "novelty_m",
@@ -312,6 +318,18 @@ static MAPPER: Section = Section {
             "a whole number from 4 to 10000000",
             "the most readings that are kept for that; what is older stays as it is",
         ),
+        words(
+            "filters",
+            &["range", "selection", "stuck", "lone", "bubble"],
+            "a list of range, selection, stuck, lone, bubble",
+            "what readings pass, in this order. range: limits; selection: sonars; stuck: sonars that others contradict for long; \
+             lone: no other sonar hears it; bubble: multiple reflections",
+        ),
+        key("filter_rings", "a whole number from 0 to 100", "rings that stuck, lone and bubble look back on"),
+        key("stuck_after_m", "a number of metres", "metres over which a stuck sonar repeats its value"),
+        key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
+        key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),
+        key("sonar_maps", "true or false", "whether a map of each sonar is kept besides, and saved as sonars.png"),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

@@ -10,10 +10,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{
-    GridMapper, MapperConfig, OdometryConfig, Reading, Remapped, RunningSummary, TileIndex, Verdict, VerdictCounts,
+    GridMapper, MapperConfig, OdometryConfig, Reading, Remapped, RunningSummary, SensorKind, Tile, TileIndex, Verdict,
+    VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::{Command, MapInfo, Message, TileUpdate, Topic};
+use echogrid_topics::wire::MAX_SENSORS;
+use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
 use trajectory::{Rectified, Trajectory};
 
 /// What it reads.
@@ -56,6 +58,8 @@ pub struct MapperService {
     counts: VerdictCounts,
     /// Readings fused again after a fix, and readings that no fix can change any more though one came.
     remapped: (u64, u64),
+    /// Of each sonar, by its number.
+    sonar_counts: Vec<VerdictCounts>,
     /// By the user.
     paused: bool,
     scans: u64,
@@ -81,6 +85,7 @@ impl MapperService {
             summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
             remapped: (0, 0),
+            sonar_counts: Vec::new(),
             paused: false,
             scans: 0,
             revision: 0,
@@ -127,17 +132,32 @@ impl MapperService {
             self.rectify(*stamp_ns, *sequence);
         }
         let (Some(mapper), Some(scan)) = (self.mapper.as_mut(), self.waiting.pop_front()) else { return };
+        let estimates = scan
+            .readings
+            .iter()
+            .map(|reading| self.trajectory.at(scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns))));
+        let (held, scanned): (Vec<bool>, Vec<_>) = scan
+            .readings
+            .iter()
+            .zip(estimates)
+            .map(|(reading, estimate)| {
+                let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
+                (held, (*reading, estimate.map(|(estimate, _)| estimate)))
+            })
+            .unzip();
+        // What is held is not judged either: where the robot was then is hardly known.
+        let judged: Vec<_> =
+            scanned.iter().zip(&held).filter(|(_, held)| !**held).map(|(scanned, _)| *scanned).collect();
+        let mut judged = mapper.integrate_scan(scan.sequence, &judged).into_iter();
         let mut verdicts = Vec::with_capacity(scan.readings.len());
-        for reading in &scan.readings {
-            let taken_ns = scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns));
-            let estimate = self.trajectory.at(taken_ns);
-            let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
-            let verdict = if held {
-                Verdict::Held
-            } else {
-                mapper.integrate(scan.sequence, reading, estimate.map(|(estimate, _)| estimate).as_ref())
-            };
+        for (reading, held) in scan.readings.iter().zip(held) {
+            let verdict = if held { Verdict::Held } else { judged.next().unwrap_or(Verdict::Held) };
             self.counts.add(verdict);
+            if let Some(counts) =
+                mapper.sonar_of(reading.transducer).and_then(|n| self.sonar_counts.get_mut(usize::from(n)))
+            {
+                counts.add(verdict);
+            }
             verdicts.push((reading.transducer, verdict));
         }
         self.trajectory.forget_before(scan.stamp_ns);
@@ -162,13 +182,11 @@ impl MapperService {
         self.summary.changed(&dirty);
         for index in dirty {
             let Some(tile) = mapper.grid().tile(index) else { continue };
-            let update = TileUpdate {
-                index,
-                revision: tile.revision,
-                resolution_m: self.config.resolution_m,
-                log_odds: tile.log_odds.clone(),
-            };
-            out.send(self.stamp_ns, Message::Tile(update));
+            out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
+        }
+        for (sonar, index) in mapper.take_dirty_of_sonars() {
+            let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };
+            out.send(self.stamp_ns, update(Layer::Sonar(sonar), index, tile, self.config.resolution_m));
         }
     }
 
@@ -193,9 +211,15 @@ impl MapperService {
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
             fixes_refused: latest.map_or(0, |latest| latest.estimate.refused),
+            sonars: self.sonar_counts.clone(),
         };
-        out.send(self.stamp_ns, Message::Info(info));
+        out.send(self.stamp_ns, Message::Info(Box::new(info)));
     }
+}
+
+fn update(layer: Layer, index: TileIndex, tile: &Tile, resolution_m: f64) -> Message {
+    let Tile { revision, log_odds } = tile.clone();
+    Message::Tile(TileUpdate { layer, index, revision, resolution_m, log_odds })
 }
 
 impl Service for MapperService {
@@ -212,6 +236,9 @@ impl Service for MapperService {
             Input::Message { message: Message::Robot(robot), .. } => {
                 if self.mapper.is_none() {
                     let OdometryConfig { noise, seed, .. } = self.odometry;
+                    let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
+                    let sonars: usize = sonars.map(|sensor| usize::from(sensor.transducers)).sum();
+                    self.sonar_counts = vec![VerdictCounts::default(); sonars.min(MAX_SENSORS)];
                     self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
                 }
             }

@@ -1,6 +1,7 @@
 //! The grid for people and other programs: picture and map files, saved at the end of the run.
 
 pub mod config;
+mod sonars;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -8,10 +9,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
-use echogrid_formats::map::{MapDocument, MapFiles, PathPoint, Provenance};
+use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::{Command, Message, PoseEstimate, TileUpdate, Topic};
+use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
+
+pub use crate::sonars::SONARS_FILE;
+use crate::sonars::SonarSheet;
 
 /// What it reads.
 pub const INPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::MapTiles];
@@ -37,6 +41,8 @@ pub struct PublisherService {
     provenance: Provenance,
     /// None until the first tile tells the resolution.
     grid: Option<Grid>,
+    /// Empty unless the mapper keeps a map of each sonar.
+    sonars: SonarSheet,
     path: Vec<PathPoint>,
     /// The latest pose, if it is not on the path yet.
     latest: Option<PathPoint>,
@@ -50,7 +56,8 @@ impl PublisherService {
     /// A value is out of range.
     pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
         config.validate().context("[publisher]")?;
-        Ok(Self { config, out, provenance, grid: None, path: Vec::new(), latest: None, written: Vec::new() })
+        let sonars = SonarSheet::default();
+        Ok(Self { config, out, provenance, grid: None, sonars, path: Vec::new(), latest: None, written: Vec::new() })
     }
 
     /// From the plan of a run.
@@ -87,6 +94,9 @@ impl PublisherService {
         path.extend(self.latest);
         let document = MapDocument { grid: grid.clone(), path, provenance: self.provenance.clone() };
         self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
+        if self.config.formats.contains(&MapFormat::Png) {
+            self.written.extend(self.sonars.write(&self.out)?);
+        }
         Ok(())
     }
 }
@@ -107,9 +117,12 @@ impl Service for PublisherService {
     fn step(&mut self, input: Input, _out: &mut Outbox) -> Result<()> {
         match input {
             Input::Message { message: Message::Tile(tile), .. } => {
-                let TileUpdate { index, revision, resolution_m, log_odds } = tile;
-                let grid = self.grid.get_or_insert_with(|| Grid::new(resolution_m));
-                *grid.tile_mut(index) = Tile { revision, log_odds };
+                let TileUpdate { layer, index, revision, resolution_m, log_odds } = tile;
+                let tile = Tile { revision, log_odds };
+                match layer {
+                    Layer::Map => *self.grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
+                    Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
+                }
             }
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => self.follow(stamp_ns, estimate),
             Input::Message { .. } => {}

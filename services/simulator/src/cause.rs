@@ -22,12 +22,22 @@ pub enum Cause {
     Crosstalk,
     /// Nothing was heard.
     Nothing,
+    /// The sonar is broken.
+    Fault,
 }
 
 impl Cause {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Direct, Self::Corner, Self::Edge, Self::Person, Self::Multipath, Self::Crosstalk, Self::Nothing];
+    pub const ALL: [Self; 8] = [
+        Self::Direct,
+        Self::Corner,
+        Self::Edge,
+        Self::Person,
+        Self::Multipath,
+        Self::Crosstalk,
+        Self::Nothing,
+        Self::Fault,
+    ];
 
     /// In a word.
     #[must_use]
@@ -40,6 +50,7 @@ impl Cause {
             Self::Multipath => "multipath",
             Self::Crosstalk => "crosstalk",
             Self::Nothing => "nothing",
+            Self::Fault => "fault",
         }
     }
 }

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use echogrid_core::config::ConfigError;
 use serde::{Deserialize, Serialize};
 
+use crate::fault::Fault;
+
 /// `[simulator]`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -73,6 +75,8 @@ pub struct SimulatorConfig {
     pub bounces: u8,
     /// Whether sonars hear each other.
     pub crosstalk: bool,
+    /// The sonars that break.
+    pub faults: Vec<Fault>,
 
     /// From one scan of a lidar to the next, seconds.
     pub lidar_period_s: f64,
@@ -172,6 +176,7 @@ impl Default for SimulatorConfig {
             critical_incidence_deg: 20.0,
             bounces: 2,
             crosstalk: true,
+            faults: Vec::new(),
             lidar_period_s: 0.2,
             lidar_dropout_ratio: 0.01,
         }
@@ -235,6 +240,7 @@ impl SimulatorConfig {
         within("rays", f64::from(self.rays), 1.0, 1001.0, "a whole number from 1 to 1001")?;
         within("critical_incidence_deg", self.critical_incidence_deg, 0.0, 90.0, "a number of degrees from 0 to 90")?;
         within("bounces", f64::from(self.bounces), 0.0, 8.0, "a whole number from 0 to 8")?;
+        self.faults.iter().try_for_each(Fault::validate)?;
         period("lidar_period_s", self.lidar_period_s)?;
         within("lidar_dropout_ratio", self.lidar_dropout_ratio, 0.0, 1.0, "a share from 0 to 1")
     }

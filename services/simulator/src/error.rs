@@ -95,6 +95,14 @@ pub enum SimulatorError {
         /// What it has, in words.
         has: String,
     },
+    /// What is to break is not there.
+    #[error("simulator.faults: there is no sonar {number} on robot {robot}; expected the number of one of its sonars")]
+    NoSuchFault {
+        /// The sonar.
+        number: u16,
+        /// The robot.
+        robot: String,
+    },
     /// A robot that hears nothing.
     #[error(
         "robot {robot} has no sensor that the simulator could stand for; expected a [[sonar]] or a [lidar] in its file"

@@ -31,6 +31,7 @@ mod corners;
 mod drive;
 mod encoders;
 mod error;
+pub mod fault;
 mod lidar;
 mod people;
 mod planner;
@@ -53,6 +54,7 @@ pub use cause::{Cause, Heard, IncidenceTable};
 pub use config::{Place, Route, SimulatorConfig};
 pub use drive::{Drive, Motion, STEP_S};
 pub use error::SimulatorError;
+pub use fault::{Fault, FaultKind};
 pub use simulator::Simulator;
 pub use slip::ExpectedErrors;
 

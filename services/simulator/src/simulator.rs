@@ -12,6 +12,7 @@ use crate::config::{Route, SimulatorConfig};
 use crate::corners::Corners;
 use crate::drive::{Command, Drive, Motion, STEP_S, Script};
 use crate::error::SimulatorError;
+use crate::fault::Faults;
 use crate::lidar::Lidar;
 use crate::people::People;
 use crate::record::Record;
@@ -49,6 +50,7 @@ pub struct Simulator {
     pilot: Pilot,
     robot_radius_m: f64,
     ring: Option<Ring>,
+    faults: Faults,
     lidar: Option<Lidar>,
     record: Option<Record>,
 
@@ -171,6 +173,7 @@ impl Simulator {
         let start = start(config, &world, robot_radius_m)?;
         let ring = Ring::new(config, &robot)?;
         let lidar = Lidar::new(config, &robot);
+        let faults = Faults::new(&config.faults, &robot, config.seed)?;
         if ring.is_none() && lidar.is_none() {
             return Err(SimulatorError::NoSensor { robot: robot.name });
         }
@@ -200,6 +203,7 @@ impl Simulator {
             world_name: config.world.clone(),
             world,
             ring,
+            faults,
             lidar,
         })
     }
@@ -300,7 +304,11 @@ impl Simulator {
             self.vicinity = Vicinity::of(&self.world, position(map_from_base), self.reach_m + VICINITY_M);
         }
         let scene = Scene { world: &self.world, vicinity: &self.vicinity, corners, people: self.people.discs() };
-        let ring = self.ring.as_mut().filter(|_| fires).and_then(|ring| ring.fire(&scene, map_from_base));
+        let ring = self.ring.as_mut().filter(|_| fires).and_then(|ring| {
+            let mut readings = ring.fire(&scene, map_from_base)?;
+            self.faults.spoil(now_ns, &mut readings, &mut ring.heard);
+            Some(readings)
+        });
         let lidar = self.lidar.as_mut().filter(|_| scans).map(|lidar| lidar.scan(&scene, map_from_base));
         for (readings, heard) in [(ring, LastHeard::Ring), (lidar, LastHeard::Lidar)] {
             let Some(readings) = readings else { continue };

@@ -168,6 +168,32 @@ pub enum SonarSelection {
 pub enum SonarWord {
     /// Every sonar.
     All,
+    /// Those at right angles to a corridor's walls, and those with the smallest angle to the robot's axis (section 4.2).
+    Corridor,
+}
+
+/// A filter of readings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// Range limits.
+    Range,
+    /// The sonars that are used.
+    Selection,
+    /// Sonars that repeat a value, or see obstacles where there are none, and are contradicted.
+    Stuck,
+    /// What one sonar hears and no other supports.
+    Lone,
+    /// The bubble circle threshold (Lee & Chung 2006).
+    Bubble,
+}
+
+impl Filter {
+    /// Whether it looks at each reading alone.
+    #[must_use]
+    pub fn is_alone(self) -> bool {
+        matches!(self, Self::Range | Self::Selection)
+    }
 }
 
 /// A limit in metres, or `"auto"`: the sensor's own.
@@ -230,6 +256,18 @@ pub struct MapperConfig {
     pub remap: bool,
     /// The most readings that are kept for that.
     pub remap_readings_max: u32,
+    /// What readings pass before they are fused, in this order.
+    pub filters: Vec<Filter>,
+    /// `stuck`, `lone` and `bubble` look back on so many rings.
+    pub filter_rings: u16,
+    /// A sonar that repeats a value over so much way, and is contradicted, is stuck, metres.
+    pub stuck_after_m: f64,
+    /// Echoes that may come from within this of each other support each other, metres.
+    pub lone_tolerance_m: f64,
+    /// A point that is this little inside of a bubble does not invade it, metres.
+    pub bubble_tolerance_m: f64,
+    /// Whether a map of each sonar is kept besides.
+    pub sonar_maps: bool,
 }
 
 impl Default for MapperConfig {
@@ -254,6 +292,12 @@ impl Default for MapperConfig {
             tempering: 0.5,
             remap: false,
             remap_readings_max: 50_000,
+            filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Bubble],
+            filter_rings: 10,
+            stuck_after_m: 0.5,
+            lone_tolerance_m: 0.15,
+            bubble_tolerance_m: 0.05,
+            sonar_maps: false,
         }
     }
 }
@@ -326,7 +370,45 @@ impl MapperConfig {
             "remap_readings_max",
             self.remap_readings_max,
             "a whole number from 4 to 10000000",
-        )
+        )?;
+        self.validate_filters()
+    }
+
+    fn validate_filters(&self) -> Result<(), ConfigError> {
+        let has = |filter| self.filters.contains(&filter);
+        let written = || format!("{:?}", self.filters).to_lowercase();
+        let mut once = self.filters.clone();
+        once.sort_unstable();
+        once.dedup();
+        ConfigError::unless(once.len() == self.filters.len(), "filters", written(), "each filter once")?;
+        // A key that does nothing is a mistake.
+        let limits = [self.min_range_m, self.max_range_m].iter().any(|limit| matches!(limit, Limit::Metres(_)));
+        ConfigError::unless(
+            has(Filter::Range) || !limits,
+            "filters",
+            written(),
+            "\"range\" among them, where min_range_m or max_range_m is set",
+        )?;
+        ConfigError::unless(
+            has(Filter::Selection) || self.sonars == SonarSelection::Word(SonarWord::All),
+            "filters",
+            written(),
+            "\"selection\" among them, where sonars are selected",
+        )?;
+        ConfigError::unless(
+            self.filter_rings <= 100,
+            "filter_rings",
+            self.filter_rings,
+            "a whole number from 0 to 100",
+        )?;
+        for (key, metres) in [
+            ("stuck_after_m", self.stuck_after_m),
+            ("lone_tolerance_m", self.lone_tolerance_m),
+            ("bubble_tolerance_m", self.bubble_tolerance_m),
+        ] {
+            ConfigError::unless((0.0..=100.0).contains(&metres), key, metres, "metres, from 0 to 100")?;
+        }
+        Ok(())
     }
 }
 
@@ -394,6 +476,15 @@ mod tests {
         assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));
+        assert_eq!(mapper_key(|c| c.filters.push(Filter::Range)), Some("filters"));
+        assert_eq!(mapper_key(|c| c.filters.clear()), None);
+        let unused = |c: &mut MapperConfig| c.filters = vec![Filter::Bubble];
+        assert_eq!(mapper_key(|c| (unused(c), c.max_range_m = Limit::Metres(3.0)).1), Some("filters"));
+        assert_eq!(mapper_key(|c| (unused(c), c.sonars = SonarSelection::Numbers(vec![1])).1), Some("filters"));
+        assert_eq!(mapper_key(|c| c.filter_rings = 101), Some("filter_rings"));
+        assert_eq!(mapper_key(|c| c.stuck_after_m = -1.0), Some("stuck_after_m"));
+        assert_eq!(mapper_key(|c| c.lone_tolerance_m = f64::NAN), Some("lone_tolerance_m"));
+        assert_eq!(mapper_key(|c| c.bubble_tolerance_m = f64::INFINITY), Some("bubble_tolerance_m"));
     }
 
     #[test]

@@ -8,6 +8,7 @@
 pub mod angle;
 pub mod calibration;
 pub mod config;
+mod filter;
 pub mod first_echo;
 mod fusion;
 pub mod gate;
@@ -31,6 +32,7 @@ pub mod robot;
 mod semi_inverse;
 pub mod sensor_model;
 pub mod smoothing;
+mod sonar_maps;
 pub mod summary;
 pub mod verdict;
 pub mod world;

@@ -1,36 +1,29 @@
 //! Algorithm 1: occupancy grid mapping.
 
-use crate::config::{ConfigError, Limit, MapperConfig, NoEcho, Noise, SonarSelection};
+use crate::config::{ConfigError, MapperConfig, NoEcho, Noise};
+use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
 use crate::odometry::Estimate;
-use crate::reading::{Echo, Reading};
+use crate::reading::Reading;
 use crate::remap::Journal;
-use crate::robot::{Robot, Sensor, SensorKind, Transducer};
+use crate::robot::Robot;
+use crate::sonar_maps::SonarMaps;
 use crate::verdict::Verdict;
-
-/// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
-const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
-
-/// A transducer with all that the configuration says about it.
-#[derive(Debug, Clone, Copy)]
-struct Channel {
-    transducer: Transducer,
-    selected: bool,
-    min_range_m: f64,
-    max_range_m: f64,
-}
 
 /// Fuses readings into an occupancy grid.
 #[derive(Debug, Clone)]
 pub struct GridMapper {
     config: MapperConfig,
     channels: Vec<Option<Channel>>,
+    chain: Chain,
     pub(crate) grid: Grid,
     fuser: Fuser,
     pub(crate) dirty: DirtyTiles,
     /// What a fix may change; none if it may not.
     pub(crate) journal: Option<Journal>,
+    /// None: not asked for.
+    sonar_maps: Option<SonarMaps>,
 }
 
 impl GridMapper {
@@ -41,14 +34,17 @@ impl GridMapper {
     /// left without a range between its limits.
     pub fn new(mapper: &MapperConfig, noise: Noise, seed: u64, robot: Robot) -> Result<Self, ConfigError> {
         mapper.validate()?;
+        let channels = channels(mapper, &robot)?;
         let mut grid = Grid::new(mapper.resolution_m);
         Ok(Self {
             config: mapper.clone(),
-            channels: channels(mapper, &robot)?,
+            chain: Chain::new(mapper, &channels),
+            channels,
             fuser: Fuser::new(mapper, noise, seed),
             journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid)),
             grid,
             dirty: DirtyTiles::default(),
+            sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
         })
     }
 
@@ -64,21 +60,100 @@ impl GridMapper {
         self.dirty.take()
     }
 
-    /// Algorithm 1 of the paper, for one reading of ring `sequence`. `estimate` is where the robot was when the
-    /// reading was taken (the stamp of its scan plus the reading's own offset), if that is known.
+    /// The map of a sonar, by its number: none unless `sonar_maps` is set, and while it heard nothing within its range.
+    #[must_use]
+    pub fn sonar_grid(&self, sonar: u16) -> Option<&Grid> {
+        self.sonar_maps.as_ref()?.get(sonar)
+    }
+
+    /// The tiles of sonars' maps that changed since the last call, by sonar, row by row.
+    pub fn take_dirty_of_sonars(&mut self) -> Vec<(u16, TileIndex)> {
+        self.sonar_maps.as_mut().map(SonarMaps::take_dirty).unwrap_or_default()
+    }
+
+    /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
+    #[must_use]
+    pub fn sonar_of(&self, transducer: u16) -> Option<u16> {
+        self.channel(transducer)?.sonar
+    }
+
+    /// Algorithm 1 of the paper, for one reading of ring `sequence`, which is judged by the filters that need no other.
+    /// `estimate` is where the robot was when the reading was taken (the stamp of its scan plus the reading's own offset),
+    /// if that is known.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
+        let refusal = self.chain.refusal(&self.channels, reading);
+        self.take_in(sequence, reading, estimate, refusal)
+    }
+
+    /// Algorithm 1 of the paper, for a whole scan, the ring `sequence`: each reading, and where the robot was when it was
+    /// taken. All filters judge the scan, then what they left is fused. The verdicts are in the order of the readings.
+    pub fn integrate_scan(&mut self, sequence: u64, scan: &[(Reading, Option<Estimate>)]) -> Vec<Verdict> {
+        let refusals = self.chain.judge(&self.channels, scan);
+        let fuse = |((reading, estimate), refusal): (&(Reading, Option<Estimate>), Option<Verdict>)| {
+            self.take_in(sequence, reading, estimate.as_ref(), refusal)
+        };
+        scan.iter().zip(refusals).map(fuse).collect()
+    }
+
+    fn take_in(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: Option<&Estimate>,
+        refusal: Option<Verdict>,
+    ) -> Verdict {
         if let Some(journal) = &mut self.journal {
             journal.make_room(&mut self.grid);
         }
-        let fused = self.fuse(sequence, reading, estimate, None);
+        let fused = match refusal {
+            Some(Verdict::NoEcho) if self.clears(reading) => self.fuse(sequence, reading, estimate, None),
+            Some(refusal) => Err(refusal),
+            None => self.fuse(sequence, reading, estimate, None),
+        };
         if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
             journal.keep(sequence, reading, estimate, fused);
+        }
+        if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
+            self.add_to_sonar_map(sequence, reading, estimate, fused);
         }
         fused.err().unwrap_or(Verdict::Accepted)
     }
 
-    /// The same, and a fix will not change it. `news`: how much of the reading is new, if that was told before, which is what it
-    /// tells.
+    /// Whether a reading without an echo says something.
+    fn clears(&self, reading: &Reading) -> bool {
+        self.config.no_echo == NoEcho::Clear && self.channel(reading.transducer).is_some_and(|channel| channel.selected)
+    }
+
+    /// What a sonar says goes into its own map whatever the filters that came after the range limits thought of it.
+    fn add_to_sonar_map(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: Option<&Estimate>,
+        fused: Result<f64, Verdict>,
+    ) {
+        let news = match fused {
+            Ok(news) => news,
+            Err(Verdict::NotSelected | Verdict::Stuck | Verdict::Lone | Verdict::MultipleReflection) => 1.0,
+            Err(_) => return,
+        };
+        let (Some(channel), Some(estimate)) =
+            (self.channel(reading.transducer), estimate.filter(|e| e.pose.is_finite()))
+        else {
+            return;
+        };
+        let (Some(sonar), Ok(range_m), Some(maps)) = (channel.sonar, range_of(reading.echo), &mut self.sonar_maps)
+        else {
+            return;
+        };
+        let (grid, dirty) = maps.of(sonar);
+        let (transducer, sensor, news) = (reading.transducer, &channel.transducer, Some(news));
+        let sounding = Sounding { sequence, transducer, sensor, range_m: Some(range_m), estimate, news };
+        // What is not trusted, or outside of what a map can hold, is so in the other too.
+        let _ = self.fuser.add(grid, dirty, &sounding);
+    }
+
+    /// One reading that no filter refused. `news`: how much of it is new, if that was told before, which is what it tells.
     pub(crate) fn fuse(
         &mut self,
         sequence: u64,
@@ -88,7 +163,10 @@ impl GridMapper {
     ) -> Result<f64, Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
-        let range_m = channel.range_of(reading.echo, self.config.no_echo)?;
+        let range_m = match range_of(reading.echo) {
+            Err(Verdict::NoEcho) if self.config.no_echo == NoEcho::Clear => None,
+            heard => Some(heard?),
+        };
         // Where was the robot then?
         let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
         // How far to trust it, and what it says of every cell of its cone
@@ -102,85 +180,15 @@ impl GridMapper {
     }
 }
 
-impl Channel {
-    /// The range of an echo that may be used, none if that there is no echo may be; or why it may not.
-    fn range_of(&self, echo: Echo, no_echo: NoEcho) -> Result<Option<f64>, Verdict> {
-        let range_m = match echo {
-            Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => range_m,
-            Echo::NoEcho if no_echo == NoEcho::Clear && self.selected => return Ok(None),
-            Echo::NoEcho => return Err(Verdict::NoEcho),
-            Echo::Hit { .. } | Echo::Invalid => return Err(Verdict::Invalid),
-        };
-        if range_m < self.min_range_m {
-            Err(Verdict::BelowMinimum)
-        } else if range_m > self.max_range_m {
-            Err(Verdict::AboveMaximum)
-        } else if !self.selected {
-            Err(Verdict::NotSelected)
-        } else {
-            Ok(Some(range_m))
-        }
-    }
-}
-
-/// What the configuration says about each transducer of the robot, by index.
-fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Option<Channel>>, ConfigError> {
-    let mut channels = Vec::new();
-    let mut sonars: u16 = 0;
-    let end_of = |sensor: &Sensor| u32::from(sensor.first_transducer) + u32::from(sensor.transducers);
-    let end = robot.sensors.iter().map(end_of).max().unwrap_or(0);
-    for index in (0..=u16::MAX).take(end as usize) {
-        let Some(transducer) = robot.transducer(index) else {
-            channels.push(None);
-            continue;
-        };
-        let selected = match transducer.kind {
-            SensorKind::Lidar => true,
-            SensorKind::Sonar => {
-                let number = sonars;
-                sonars = sonars.saturating_add(1);
-                is_selected(&config.sonars, number)
-            }
-        };
-        let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
-        channels.push(Some(Channel { transducer, selected, min_range_m, max_range_m }));
-    }
-    if let SonarSelection::Numbers(numbers) = &config.sonars {
-        for number in numbers {
-            ConfigError::unless(*number < sonars, "sonars", number, "numbers of sonars that the robot has")?;
-        }
-    }
-    Ok(channels)
-}
-
-fn is_selected(selection: &SonarSelection, number: u16) -> bool {
-    match selection {
-        SonarSelection::Word(_) => true,
-        SonarSelection::Numbers(numbers) => numbers.contains(&number),
-    }
-}
-
-fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
-    let own = match transducer.kind {
-        SensorKind::Sonar => SONAR_LIMITS_M,
-        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m),
-    };
-    let metres = |limit: Limit, own: f64| match limit {
-        Limit::Metres(metres) => metres,
-        Limit::Word(_) => own,
-    };
-    let (min, max) = (metres(config.min_range_m, own.0), metres(config.max_range_m, own.1));
-    ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
-    Ok((min, max))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::LimitWord;
+    use crate::config::{Limit, LimitWord, SonarSelection};
     use crate::grid::CellIndex;
     use crate::odometry::OdometryErrors;
     use crate::pose::Pose2;
+    use crate::reading::Echo;
+    use crate::robot::{Sensor, SensorKind};
 
     fn sensor(kind: SensorKind, first_transducer: u16, transducers: u16, mount: Pose2) -> Sensor {
         Sensor {

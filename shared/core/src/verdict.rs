@@ -24,11 +24,17 @@ pub enum Verdict {
     OffMap = 8,
     /// Mapping was on hold: until the next absolute localization, or because the user paused it.
     Held = 9,
+    /// Its sonar is stuck or blocked: it says, time and again, what others contradict.
+    Stuck = 10,
+    /// No other sonar supports it: crosstalk, or a ghost.
+    Lone = 11,
+    /// A multiple reflection: something stands in what it claims to be empty.
+    MultipleReflection = 12,
 }
 
 impl Verdict {
     /// How many verdicts there are.
-    pub const COUNT: usize = 10;
+    pub const COUNT: usize = 13;
 
     /// All of them, in the order of their codes.
     pub const ALL: [Self; Self::COUNT] = [
@@ -42,6 +48,9 @@ impl Verdict {
         Self::NoPose,
         Self::OffMap,
         Self::Held,
+        Self::Stuck,
+        Self::Lone,
+        Self::MultipleReflection,
     ];
 
     /// Its code on the wire and in files.
@@ -70,6 +79,9 @@ impl Verdict {
             Self::NoPose => "no_pose",
             Self::OffMap => "off_map",
             Self::Held => "held",
+            Self::Stuck => "stuck",
+            Self::Lone => "lone",
+            Self::MultipleReflection => "multiple_reflection",
         }
     }
 
@@ -87,6 +99,9 @@ impl Verdict {
             Self::NoPose => "it is not known where the robot was",
             Self::OffMap => "its cone lies outside what a map can hold",
             Self::Held => "mapping was on hold, until the next absolute localization or by hand",
+            Self::Stuck => "its sonar is stuck or blocked: others contradict it time and again",
+            Self::Lone => "no other sonar supports it",
+            Self::MultipleReflection => "a multiple reflection: something stands in what it claims to be empty",
         }
     }
 }
@@ -165,12 +180,15 @@ mod tests {
             (7, "no_pose"),
             (8, "off_map"),
             (9, "held"),
+            (10, "stuck"),
+            (11, "lone"),
+            (12, "multiple_reflection"),
         ];
         assert_eq!(codes, recorded);
         for verdict in Verdict::ALL {
             assert_eq!(Verdict::from_code(verdict.code()), Some(verdict));
         }
-        assert_eq!(Verdict::from_code(10), None);
+        assert_eq!(Verdict::from_code(13), None);
     }
 
     #[test]

@@ -13,8 +13,8 @@ pub mod wire;
 pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
 pub use message::{
-    Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry, ServiceState,
-    TileUpdate, TruePose, TrueWorld,
+    Ack, Health, Layer, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
+    ServiceState, TileUpdate, TruePose, TrueWorld,
 };
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};

@@ -29,6 +29,9 @@ const HOLD: u32 = 2;
 const FINISHED: u32 = 1;
 const MAP_DEGRADED: u32 = 2;
 const MAP_HELD: u32 = 4;
+/// Layers of tiles; 2 is kept for doubt.
+const LAYER_MAP: u16 = 0;
+const LAYER_SONAR: u16 = 1;
 /// What is known in a fix.
 const POSITION: u32 = 1;
 const HEADING: u32 = 2;
@@ -107,9 +110,20 @@ pub struct LocalizationFix {
     pub fix: Option<Fix>,
 }
 
+/// What a tile is of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Layer {
+    /// The map.
+    Map,
+    /// What one sonar alone says: its number.
+    Sonar(u16),
+}
+
 /// One tile of the map, whole.
 #[derive(Debug, Clone)]
 pub struct TileUpdate {
+    /// Of which map.
+    pub layer: Layer,
     /// Which tile.
     pub index: TileIndex,
     /// Number of the scan that changed it last.
@@ -157,6 +171,8 @@ pub struct MapInfo {
     pub fixes: u32,
     /// Fixes refused so far, for being too far off.
     pub fixes_refused: u32,
+    /// What became of the readings of each sonar, by its number; of at most [`MAX_SENSORS`].
+    pub sonars: Vec<VerdictCounts>,
 }
 
 /// State of a service.
@@ -225,7 +241,7 @@ pub enum Message {
     /// [`Topic::MapTiles`].
     Tile(TileUpdate),
     /// [`Topic::MapInfo`].
-    Info(MapInfo),
+    Info(Box<MapInfo>),
     /// [`Topic::RangeVerdict`]: transducer and verdict, in the order of the scan with the same stamp.
     Verdicts(Vec<(u16, Verdict)>),
     /// [`Topic::Health`].
@@ -585,7 +601,14 @@ impl TryFrom<&FixWire> for LocalizationFix {
 
 impl From<&TileUpdate> for TileWire {
     fn from(tile: &TileUpdate) -> Self {
+        let (layer, sonar) = match tile.layer {
+            Layer::Map => (LAYER_MAP, 0),
+            Layer::Sonar(number) => (LAYER_SONAR, number),
+        };
         Self {
+            layer,
+            sonar,
+            reserved: 0,
             tile_x: tile.index.x,
             tile_y: tile.index.y,
             revision: tile.revision,
@@ -606,7 +629,15 @@ impl TryFrom<&TileWire> for TileUpdate {
         if let Some(value) = wire.log_odds.iter().find(|value| value.is_infinite()) {
             check(false, "log_odds", value, "finite, or NaN for unknown")?;
         }
+        let layer = match wire.layer {
+            LAYER_MAP => Layer::Map,
+            LAYER_SONAR => Layer::Sonar(wire.sonar),
+            other => {
+                return Err(Fault { field: "layer", value: other.to_string(), expected: "0 map or 1 sonar" });
+            }
+        };
         Ok(Self {
+            layer,
             index: TileIndex { x: wire.tile_x, y: wire.tile_y },
             revision: wire.revision,
             resolution_m: wire.resolution_m,
@@ -620,6 +651,12 @@ impl From<&MapInfo> for MapInfoWire {
         let mut verdicts = [0; MAX_VERDICTS];
         for verdict in Verdict::ALL {
             verdicts[verdict as usize] = info.verdicts.get(verdict);
+        }
+        let mut sonar_verdicts = [0; MAX_VERDICTS * MAX_SENSORS];
+        for (slots, counts) in sonar_verdicts.chunks_exact_mut(MAX_VERDICTS).zip(&info.sonars) {
+            for (verdict, count) in counts.iter() {
+                slots[verdict as usize] = u32::try_from(count).unwrap_or(u32::MAX);
+            }
         }
         Self {
             revision: info.revision,
@@ -639,7 +676,9 @@ impl From<&MapInfo> for MapInfoWire {
                 + u32::from(info.held) * MAP_HELD,
             fixes: info.fixes,
             fixes_refused: info.fixes_refused,
+            sonar_count: info.sonars.len().min(MAX_SENSORS) as u32,
             reserved: 0,
+            sonar_verdicts,
         }
     }
 }
@@ -652,6 +691,14 @@ impl TryFrom<&MapInfoWire> for MapInfo {
         for verdict in Verdict::ALL {
             verdicts.add_many(verdict, wire.verdicts[verdict as usize]);
         }
+        check(wire.sonar_count as usize <= MAX_SENSORS, "sonar_count", wire.sonar_count, "at most 32")?;
+        let of_sonar = |slots: &[u32]| {
+            let mut counts = VerdictCounts::default();
+            Verdict::ALL.into_iter().zip(slots).for_each(|(verdict, count)| counts.add_many(verdict, (*count).into()));
+            counts
+        };
+        let sonars =
+            wire.sonar_verdicts.chunks_exact(MAX_VERDICTS).take(wire.sonar_count as usize).map(of_sonar).collect();
         let [i_low, j_low, i_high, j_high] = wire.bounds;
         Ok(Self {
             revision: wire.revision,
@@ -672,6 +719,7 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             held: wire.flags & MAP_HELD != 0,
             fixes: wire.fixes,
             fixes_refused: wire.fixes_refused,
+            sonars,
         })
     }
 }

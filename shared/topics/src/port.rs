@@ -181,7 +181,7 @@ impl Output {
             (Out::Scan(port), Message::Scan(readings)) => put_slice(port, topic, header, self.max_readings, readings),
             (Out::Estimate(port), Message::Estimate(estimate)) => put(port, topic, header, estimate.into()),
             (Out::Tile(port), Message::Tile(tile)) => put(port, topic, header, tile.into()),
-            (Out::Info(port), Message::Info(info)) => put(port, topic, header, info.into()),
+            (Out::Info(port), Message::Info(info)) => put(port, topic, header, info.as_ref().into()),
             (Out::Verdicts(port), Message::Verdicts(verdicts)) => {
                 put_slice(port, topic, header, self.max_readings, verdicts)
             }
@@ -357,7 +357,9 @@ impl Input {
             }),
             In::Estimate(port) => get(port, topic, |w: &EstimateWire| PoseEstimate::try_from(w).map(Message::Estimate)),
             In::Tile(port) => get(port, topic, |w: &TileWire| TileUpdate::try_from(w).map(Message::Tile)),
-            In::Info(port) => get(port, topic, |w: &MapInfoWire| MapInfo::try_from(w).map(Message::Info)),
+            In::Info(port) => {
+                get(port, topic, |w: &MapInfoWire| MapInfo::try_from(w).map(|info| Message::Info(Box::new(info))))
+            }
             In::Verdicts(port) => get_slice(port, topic, |w: &[VerdictWire]| {
                 w.iter().map(TryInto::try_into).collect::<Result<_, _>>().map(Message::Verdicts)
             }),

@@ -213,7 +213,7 @@ wire! {
 
 wire! {
     /// `map/tiles`: one tile that changed.
-    "echogrid/MapTile/1" TileWire {
+    "echogrid/MapTile/2" TileWire {
         /// The tile covers the cells 64 x … 64 x + 63 along x.
         tile_x: i32,
         /// Likewise along y.
@@ -222,6 +222,12 @@ wire! {
         revision: u64,
         /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
         resolution_m: f64,
+        /// 0 the map; 1 the map of one sonar. (2 is kept for doubt.)
+        layer: u16,
+        /// Number of the sonar, where the layer is one's; else 0.
+        sonar: u16,
+        /// Zero.
+        reserved: u32,
         /// ln(p/(1−p)), row by row, row 0 at the lowest y; NaN: no reading touched the cell.
         log_odds: [f32; 4096],
     }
@@ -229,7 +235,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/4" MapInfoWire {
+    "echogrid/MapInfo/5" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -260,8 +266,12 @@ wire! {
         fixes: u32,
         /// Fixes refused so far, for being too far off.
         fixes_refused: u32,
+        /// How many of `sonar_verdicts` are in use.
+        sonar_count: u32,
         /// Zero.
         reserved: u32,
+        /// Readings by verdict code, 16 counts for each sonar, by its number; 2^32 − 1: that many or more.
+        sonar_verdicts: [u32; 512],
     }
 }
 
@@ -500,7 +510,7 @@ mod tests {
         }
         assert_eq!(size_of::<ReadingWire>(), 8 + 4 + 2 + 1 + 1);
         assert_eq!(size_of::<EstimateWire>(), 28 * 8 + 16);
-        assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 4 * 4096);
+        assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 2 + 2 + 4 + 4 * 4096);
     }
 
     #[test]

@@ -17,8 +17,8 @@ use echogrid_topics::wire::{
     ReadingWire, RobotWire, TILE_CELLS, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
 };
 use echogrid_topics::{
-    Ack, Health, LocalizationFix, LocalizationRequest, MapInfo, PoseEstimate, RawOdometry, ServiceState, TileUpdate,
-    Topic, TruePose, TrueWorld,
+    Ack, Health, Layer, LocalizationFix, LocalizationRequest, MapInfo, PoseEstimate, RawOdometry, ServiceState,
+    TileUpdate, Topic, TruePose, TrueWorld,
 };
 use proptest::prelude::*;
 
@@ -123,8 +123,10 @@ fn request() -> impl Strategy<Value = LocalizationRequest> {
 fn tile() -> impl Strategy<Value = TileUpdate> {
     let cell = prop_oneof![Just(f32::NAN), -50.0_f32..50.0];
     let cells = prop::collection::vec(cell, TILE_CELLS).prop_map(|cells| Box::new(cells.try_into().unwrap()));
-    (-(1 << 24)..=1 << 24, -(1 << 24)..=1 << 24, any::<u64>(), 1e-3..1e3, cells).prop_map(
-        |(x, y, revision, resolution_m, log_odds)| TileUpdate {
+    let layer = prop_oneof![Just(Layer::Map), any::<u16>().prop_map(Layer::Sonar)];
+    (layer, -(1 << 24)..=1 << 24, -(1 << 24)..=1 << 24, any::<u64>(), 1e-3..1e3, cells).prop_map(
+        |(layer, x, y, revision, resolution_m, log_odds)| TileUpdate {
+            layer,
             index: TileIndex { x, y },
             revision,
             resolution_m,
@@ -142,7 +144,15 @@ fn info() -> impl Strategy<Value = MapInfo> {
         verdicts
     });
     let cells = prop::option::of((1_u64.., bounds));
-    let flags = any::<([bool; 3], (u32, u32))>();
+    let sonars = prop::collection::vec(any::<[u32; Verdict::COUNT]>(), 0..=MAX_SENSORS).prop_map(|sonars| {
+        let counts = |counts: [u32; Verdict::COUNT]| {
+            let mut verdicts = VerdictCounts::default();
+            Verdict::ALL.into_iter().zip(counts).for_each(|(verdict, count)| verdicts.add_many(verdict, count.into()));
+            verdicts
+        };
+        sonars.into_iter().map(counts).collect::<Vec<_>>()
+    });
+    let flags = (any::<([bool; 3], (u32, u32))>(), sonars);
     (any::<[u64; 6]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
         |(
             [revision, scans, occupied, free, remapped, remap_left],
@@ -151,7 +161,7 @@ fn info() -> impl Strategy<Value = MapInfo> {
             trust,
             distance_m,
             verdicts,
-            (flags, (fixes, fixes_refused)),
+            ((flags, (fixes, fixes_refused)), sonars),
         )| {
             MapInfo {
                 revision,
@@ -171,6 +181,7 @@ fn info() -> impl Strategy<Value = MapInfo> {
                 held: flags[2],
                 fixes,
                 fixes_refused,
+                sonars,
             }
         },
     )
@@ -414,6 +425,7 @@ fn estimates_that_cannot_be() {
 fn tiles_that_cannot_be() {
     let check = |field, spoil: fn(&mut TileWire)| refused::<_, TileUpdate>(good_tile(), field, spoil);
     assert!(TileUpdate::try_from(&good_tile()).is_ok());
+    check("layer", |w| w.layer = 2);
     check("resolution_m", |w| w.resolution_m = 0.0);
     check("resolution_m", |w| w.resolution_m = f64::NAN);
     check("tile_x", |w| w.tile_x = (1 << 24) + 1);
@@ -425,6 +437,7 @@ fn tiles_that_cannot_be() {
 fn numbers_of_a_map_that_cannot_be() {
     let check = |field, spoil: fn(&mut MapInfoWire)| refused::<_, MapInfo>(MapInfoWire::default(), field, spoil);
     assert!(MapInfo::try_from(&MapInfoWire::default()).is_ok());
+    check("sonar_count", |w| w.sonar_count = 33);
     check("entropy_bits", |w| w.entropy_bits = -1.0);
     check("trust", |w| w.trust = f64::NAN);
     check("distance_m", |w| w.distance_m = f64::INFINITY);

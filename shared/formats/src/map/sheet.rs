@@ -4,6 +4,7 @@
 //! believed to be, a green ring where it was.
 
 use std::path::Path;
+use std::slice;
 
 use echogrid_core::{CellIndex, Grid, Pose2, World};
 use font8x8::UnicodeFonts as _;
@@ -27,6 +28,8 @@ const LONG_SIDE_PX: usize = 480;
 /// So many greys: more hardly show, and make the file much larger.
 const GREYS: u16 = 16;
 const GAP_PX: usize = 8;
+/// A label stands so far inside of its panel.
+const LABEL_PX: usize = 4;
 /// A letter, and the line that it stands on.
 const LETTER_PX: usize = 8;
 const LINE_PX: usize = 12;
@@ -47,6 +50,8 @@ pub struct Panel {
     pub robot: Option<Pose2>,
     /// Where it was.
     pub true_robot: Option<Pose2>,
+    /// What stands on it; may be empty.
+    pub label: String,
 }
 
 /// One row: a way of mapping.
@@ -61,8 +66,8 @@ pub struct Row {
 /// The whole sheet.
 #[derive(Debug, Clone)]
 pub struct Sheet<'a> {
-    /// Whose walls are drawn.
-    pub world: &'a World,
+    /// Whose walls are drawn, if they are known.
+    pub world: Option<&'a World>,
     /// Lowest and highest corner of what each panel shows, metres.
     pub frame_m: [[f64; 2]; 2],
     /// What stands above the columns.
@@ -154,19 +159,22 @@ impl Frame {
         [(x - self.low[0]) / self.metres_per_px, self.height as f64 - (y - self.low[1]) / self.metres_per_px]
     }
 
-    fn draw(&self, canvas: &mut Canvas, at: [usize; 2], panel: &Panel, world: &World) {
+    fn draw(&self, canvas: &mut Canvas, at: [usize; 2], panel: &Panel, world: Option<&World>) {
         for row in 0..self.height {
             for column in 0..self.width {
                 canvas.set(at[0] + column, at[1] + row, self.colour(&panel.grid, column, row));
             }
         }
-        self.draw_walls(canvas, at, world);
+        if let Some(world) = world {
+            self.draw_walls(canvas, at, world);
+        }
         if let Some(pose) = panel.true_robot.filter(|pose| pose.is_finite()) {
             self.disc(canvas, at, pose, RING_RADIUS_PX - RING_WIDTH_PX..=RING_RADIUS_PX, TRUE_ROBOT);
         }
         if let Some(pose) = panel.robot.filter(|pose| pose.is_finite()) {
             self.disc(canvas, at, pose, 0.0..=ROBOT_RADIUS_PX, ROBOT);
         }
+        canvas.text(at.map(|edge| edge + LABEL_PX), slice::from_ref(&panel.label));
     }
 
     /// The mean over the known cells of a pixel.
@@ -302,13 +310,13 @@ mod tests {
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = log_odds;
         }
         let at = |x| Some(Pose2::new(x, 1.0, 0.0));
-        Panel { grid, robot: at(2.0), true_robot: at(1e300) }
+        Panel { grid, robot: at(2.0), true_robot: at(1e300), label: String::new() }
     }
 
     fn sheet(world: &World) -> Sheet<'_> {
         let rows = ["1st", "second"].map(|label| Row { label: label.into(), panels: vec![panel(), panel()] }).into();
         let columns = vec!["before".into(), "after it and interminable".into()];
-        Sheet { world, frame_m: [[0.0, 0.0], [4.0, 2.0]], columns, rows }
+        Sheet { world: Some(world), frame_m: [[0.0, 0.0], [4.0, 2.0]], columns, rows }
     }
 
     #[test]

@@ -1,0 +1,39 @@
+//! A transducer with all that the configuration says about it.
+
+use super::range::range_limits;
+use super::selection::selected;
+use crate::config::{ConfigError, MapperConfig};
+use crate::robot::{Robot, Sensor, SensorKind, Transducer};
+
+/// A transducer, its range limits, and whether it is used.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Channel {
+    pub(crate) transducer: Transducer,
+    /// Its number among the robot's sonars, if it is one.
+    pub(crate) sonar: Option<u16>,
+    pub(crate) selected: bool,
+    /// Metres.
+    pub(crate) min_range_m: f64,
+    /// Metres.
+    pub(crate) max_range_m: f64,
+}
+
+/// What the configuration says about each transducer of the robot, by index; none where it has none.
+///
+/// # Errors
+/// A sonar is selected that the robot does not have, or a sensor is left without a range between its limits.
+pub(crate) fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Option<Channel>>, ConfigError> {
+    let end_of = |sensor: &Sensor| u32::from(sensor.first_transducer) + u32::from(sensor.transducers);
+    let end = robot.sensors.iter().map(end_of).max().unwrap_or(0);
+    let transducers: Vec<Option<Transducer>> =
+        (0..=u16::MAX).take(end as usize).map(|index| robot.transducer(index)).collect();
+    let selected = selected(&config.sonars, &transducers)?;
+    let mut sonars = 0..=u16::MAX;
+    let channel = |(transducer, selected): (Option<Transducer>, bool)| {
+        let Some(transducer) = transducer else { return Ok(None) };
+        let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
+        let sonar = if transducer.kind == SensorKind::Sonar { sonars.next() } else { None };
+        Ok(Some(Channel { transducer, sonar, selected, min_range_m, max_range_m }))
+    };
+    transducers.into_iter().zip(selected).map(channel).collect()
+}

@@ -1,0 +1,150 @@
+//! What stands between a scan and the map: an ordered chain of filters (section 4.2 of the paper). Every reading leaves it
+//! with a verdict.
+//!
+//! | filter | refuses | file |
+//! |---|---|---|
+//! | `range` | what is nearer or farther than a sensor can tell | [`range`] |
+//! | `selection` | sonars that are not used | [`selection`] |
+//! | `stuck` | sonars that lie for long | [`stuck`] |
+//! | `lone` | what one sonar hears and no other supports | [`lone`] |
+//! | `bubble` | multiple reflections | [`bubble`] |
+//!
+//! The first two look at one reading, the others at the sonars of a whole scan and of the rings before it, in the map, by the
+//! estimates. What an earlier filter refused is no witness in a later one. Lidars pass those: a beam has no cone to speak of.
+
+mod bubble;
+mod channel;
+mod claim;
+mod lone;
+mod range;
+mod ring;
+mod selection;
+mod stuck;
+#[cfg(test)]
+mod tests;
+
+pub(crate) use channel::{Channel, channels};
+use claim::Claim;
+pub(crate) use range::range_of;
+use ring::Ring;
+use stuck::Health;
+
+use crate::config::{Filter, MapperConfig};
+use crate::odometry::Estimate;
+use crate::reading::Reading;
+use crate::robot::SensorKind;
+use crate::verdict::Verdict;
+
+/// The filters in their order, and what they remember.
+#[derive(Debug, Clone)]
+pub(crate) struct Chain {
+    filters: Vec<Filter>,
+    bubble_tolerance_m: f64,
+    stuck_after_m: f64,
+    ring: Ring,
+    health: Health,
+}
+
+impl Chain {
+    /// As a valid configuration says.
+    pub(crate) fn new(config: &MapperConfig, channels: &[Option<Channel>]) -> Self {
+        let mut filters = config.filters.clone();
+        if !lone::is_ring(sonars_before(Filter::Lone, &filters, channels)) {
+            filters.retain(|filter| *filter != Filter::Lone);
+        }
+        Self {
+            filters,
+            bubble_tolerance_m: config.bubble_tolerance_m,
+            stuck_after_m: config.stuck_after_m,
+            ring: Ring::new(usize::from(config.filter_rings), config.lone_tolerance_m),
+            health: Health::default(),
+        }
+    }
+
+    /// Why a single reading is refused, if it is, by the filters that look at no other.
+    pub(crate) fn refusal(&self, channels: &[Option<Channel>], reading: &Reading) -> Option<Verdict> {
+        let (channel, range_m) = match heard(channels, reading) {
+            Ok(heard) => heard,
+            Err(verdict) => return Some(verdict),
+        };
+        self.filters.iter().find_map(|filter| alone(*filter, channel, range_m))
+    }
+
+    /// Whether a reading is an echo within the range limits, or there are none.
+    pub(crate) fn in_range(&self, channels: &[Option<Channel>], reading: &Reading) -> bool {
+        heard(channels, reading).is_ok_and(|(channel, range_m)| {
+            !self.filters.contains(&Filter::Range) || range::refusal(channel, range_m).is_none()
+        })
+    }
+
+    /// Why each reading of a scan is refused, if it is.
+    pub(crate) fn judge(
+        &mut self,
+        channels: &[Option<Channel>],
+        scan: &[(Reading, Option<Estimate>)],
+    ) -> Vec<Option<Verdict>> {
+        if self.filters.iter().all(|filter| filter.is_alone()) {
+            return scan.iter().map(|(reading, _)| self.refusal(channels, reading)).collect();
+        }
+        let mut verdicts: Vec<Option<Verdict>> =
+            scan.iter().map(|(reading, _)| heard(channels, reading).err()).collect();
+        let claims = scan.iter().enumerate().filter_map(|(index, (reading, estimate))| {
+            let (channel, range_m) = heard(channels, reading).ok()?;
+            let estimate = estimate.as_ref().filter(|estimate| estimate.pose.is_finite())?;
+            let sonar = &channel.transducer;
+            let map_from_transducer = estimate.pose * sonar.base_from_transducer;
+            let claim = Claim::new(reading.transducer, map_from_transducer, range_m, sonar.aperture_rad);
+            (sonar.kind == SensorKind::Sonar).then_some((index, claim))
+        });
+        self.ring.begin(claims, scan.iter().find_map(|(_, estimate)| estimate.as_ref()));
+        for filter in &self.filters {
+            match filter {
+                Filter::Range | Filter::Selection => {
+                    for ((reading, _), verdict) in scan.iter().zip(&mut verdicts) {
+                        let refusal =
+                            || heard(channels, reading).map_or(None, |(c, range_m)| alone(*filter, c, range_m));
+                        *verdict = verdict.or_else(refusal);
+                    }
+                    let refused = |(place, standing): (usize, &ring::Standing)| {
+                        verdicts.get(standing.index).copied().flatten().map(|verdict| (place, verdict))
+                    };
+                    let refused: Vec<(usize, Verdict)> = self.ring.standing().filter_map(refused).collect();
+                    refused.into_iter().for_each(|(place, verdict)| self.ring.refuse(&[place], verdict));
+                }
+                Filter::Stuck => self.health.judge(&mut self.ring, self.stuck_after_m),
+                Filter::Lone => lone::judge(&mut self.ring),
+                Filter::Bubble => bubble::judge(&mut self.ring, self.bubble_tolerance_m),
+            }
+        }
+        self.ring.end();
+        for standing in &self.ring.present {
+            if let Some(verdict) = verdicts.get_mut(standing.index) {
+                *verdict = verdict.or(standing.refusal);
+            }
+        }
+        verdicts
+    }
+}
+
+/// How many sonars a filter hears: those that are selected, if that is done before.
+fn sonars_before(filter: Filter, filters: &[Filter], channels: &[Option<Channel>]) -> usize {
+    let place = |filter| filters.iter().position(|other| *other == filter);
+    let all = place(Filter::Selection).is_none_or(|selection| place(filter).is_some_and(|own| own < selection));
+    let counts = |channel: &&Channel| channel.transducer.kind == SensorKind::Sonar && (all || channel.selected);
+    channels.iter().flatten().filter(counts).count()
+}
+
+/// Whose a reading is and what range it tells, or why it tells none.
+fn heard<'a>(channels: &'a [Option<Channel>], reading: &Reading) -> Result<(&'a Channel, f64), Verdict> {
+    let channel = channels.get(usize::from(reading.transducer)).and_then(Option::as_ref).ok_or(Verdict::Invalid)?;
+    Ok((channel, range_of(reading.echo)?))
+}
+
+/// Why a filter that looks at one reading only refuses it, if it does.
+fn alone(filter: Filter, channel: &Channel, range_m: f64) -> Option<Verdict> {
+    match filter {
+        Filter::Range => range::refusal(channel, range_m),
+        Filter::Selection => (!channel.selected).then_some(Verdict::NotSelected),
+        Filter::Stuck | Filter::Lone | Filter::Bubble => None,
+    }
+}

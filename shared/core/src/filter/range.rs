@@ -1,0 +1,51 @@
+//! `range`: what is nearer or farther than a sensor can tell is refused (section 4.1 of the paper).
+
+use super::channel::Channel;
+use crate::config::{ConfigError, Limit, MapperConfig};
+use crate::reading::Echo;
+use crate::robot::{SensorKind, Transducer};
+use crate::verdict::Verdict;
+
+/// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
+const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
+
+/// The range of an echo, metres, or why it is none. No filter is needed for that, and none can be without.
+///
+/// # Errors
+/// `NoEcho` or `Invalid`.
+pub(crate) fn range_of(echo: Echo) -> Result<f64, Verdict> {
+    match echo {
+        Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => Ok(range_m),
+        Echo::NoEcho => Err(Verdict::NoEcho),
+        Echo::Hit { .. } | Echo::Invalid => Err(Verdict::Invalid),
+    }
+}
+
+/// Why a range is refused, if it is.
+pub(crate) fn refusal(channel: &Channel, range_m: f64) -> Option<Verdict> {
+    if range_m < channel.min_range_m {
+        Some(Verdict::BelowMinimum)
+    } else if range_m > channel.max_range_m {
+        Some(Verdict::AboveMaximum)
+    } else {
+        None
+    }
+}
+
+/// Lowest and highest range of a transducer, metres.
+///
+/// # Errors
+/// Nothing is left between them.
+pub(crate) fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
+    let own = match transducer.kind {
+        SensorKind::Sonar => SONAR_LIMITS_M,
+        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m),
+    };
+    let metres = |limit: Limit, own: f64| match limit {
+        Limit::Metres(metres) => metres,
+        Limit::Word(_) => own,
+    };
+    let (min, max) = (metres(config.min_range_m, own.0), metres(config.max_range_m, own.1));
+    ConfigError::unless(min < max, "min_range_m", min, "less than max_range_m")?;
+    Ok((min, max))
+}
