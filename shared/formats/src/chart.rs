@@ -25,7 +25,7 @@ const RIGHT_PX: usize = 28;
 const SCALE: usize = 2;
 const LINE_PX: usize = 24;
 /// About so many marks to an axis.
-const MARKS: f64 = 5.0;
+const MARKS: f64 = 6.0;
 
 /// One panel.
 #[derive(Debug, Clone, PartialEq)]
@@ -206,8 +206,10 @@ impl Plot {
             canvas.set(self.left, row, INK);
             canvas.set(self.left + PLOT_WIDTH_PX, row, INK);
         }
-        canvas.text([self.left, 8], &panel.title, SCALE, INK);
-        canvas.text([self.left, 8 + LINE_PX], &panel.y, SCALE, INK);
+        // Above the numbers, too: titles are long.
+        let left = self.left - LEFT_PX / 2;
+        canvas.text([left, 8], &panel.title, SCALE, INK);
+        canvas.text([left, 8 + LINE_PX], &panel.y, SCALE, INK);
         let width = panel.x.chars().count() * letter;
         canvas.text([(self.left + PLOT_WIDTH_PX).saturating_sub(width), bottom + 10 + LINE_PX], &panel.x, SCALE, INK);
     }
@@ -266,7 +268,7 @@ mod tests {
     #[test]
     fn marks_are_round_and_within() {
         let texts = |low, high| marks(low, high).into_iter().map(|(_, text)| text).collect::<Vec<_>>();
-        assert_eq!(texts(-0.1, 5.2), ["0", "2", "4"]);
+        assert_eq!(texts(-0.1, 5.2), ["0", "1", "2", "3", "4", "5"]);
         assert_eq!(texts(-0.02, 0.03), ["-0.02", "-0.01", "0.00", "0.01", "0.02", "0.03"]);
         assert_eq!(texts(-2.0, 2.0), ["-2", "-1", "0", "1", "2"]);
     }

@@ -37,7 +37,7 @@ impl Default for Limits {
             straight_max_m: 2.0,
             straight_turn_rad: 0.1,
             turn_min_rad: 0.3,
-            turn_max_rad: 2.0,
+            turn_max_rad: 1.0,
             turn_travel_m: 0.1,
             jump_m: 2.0,
             jump_rad: 2.0,
@@ -319,7 +319,7 @@ mod tests {
         robot.go(1.0, 0.0, 1).go(0.0, 1.5, 1).go(-0.8, 0.0, 1).go(0.0, -1.0, 1).go(0.2, 0.0, 1).go(0.0, 0.2, 1);
         let (translations, rotations) = robot.drive.trials();
         check(&translations, 1.1, WAY, &[1.1, -0.88]);
-        check(&rotations, 1.05, TURN, &[1.575, -1.05]);
+        check(&rotations, 1.05, TURN, &[1.0, 0.575, -1.05]);
         // Nothing of the turn is in the way, nor the other way round.
         assert!(translations.iter().all(|trial| trial.measured_rad.abs() < 0.02), "{translations:?}");
         assert!(rotations.iter().all(|trial| trial.measured_m.abs() < 0.01), "{rotations:?}");
@@ -340,9 +340,9 @@ mod tests {
         robot.go(5.0, 0.0, 1).go(0.0, 4.0 * PI, 1);
         let (translations, rotations) = robot.drive.trials();
         let whole = |trials: &[Trial], own: fn(&Trial) -> (f64, f64)| trials.iter().map(|t| own(t).0).sum::<f64>();
-        assert_eq!((translations.len(), rotations.len()), (3, 7));
+        assert_eq!((translations.len(), rotations.len()), (3, 13));
         assert!((whole(&translations, WAY) - 5.5).abs() < 0.1, "{translations:?}");
-        assert!((whole(&rotations, TURN) - 4.2 * PI).abs() < 0.1, "{rotations:?}");
+        assert!((whole(&rotations, TURN) - 4.2 * PI).abs() < 0.3, "{rotations:?}");
     }
 
     /// A bend of less than 0.1 rad, with the truth known at its ends alone: chords would be too short.
