@@ -19,6 +19,7 @@ use crate::config::{Config, LoadRequest};
 
 /// The pieces of all logs that make trials.
 pub(super) fn trials(request: &Calibrate) -> Result<Found> {
+    ensure!(request.series.is_none(), "--series is for tables; expected none with logs");
     let limits = Limits::default();
     let (mut translations, mut rotations, mut known) = (Vec::new(), Vec::new(), 0);
     for file in &request.inputs {

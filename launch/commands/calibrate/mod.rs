@@ -41,7 +41,7 @@ fn calibrate(request: &Calibrate) -> Result<Report> {
         .with_context(|| found.name.clone())?;
     let report = Report::new(request, &found, &fit, &interval);
     if let Some(file) = &request.picture {
-        picture::write(file, &found, &fit).with_context(|| format!("picture {}", file.display()))?;
+        picture::write(file, &found, &fit)?;
     }
     if let Some(file) = &request.out {
         section::write(file, &report, &fit)?;

@@ -244,6 +244,7 @@ fn errors_name_what_is_wrong() {
         &Calibrate { reference: Some("path.txt".into()), ..request(&[&still]) },
         &["--reference and --landmarks are for logs"],
     );
+    check(&Calibrate { robot: Some("laser".into()), ..request(&[&still]) }, &["--robot and --set are for logs"]);
 
     let lines = "ODOM 0 0 0 0 0 0 0.1 host 0.1\nFLASER 3 1 2 1 0 0 0 0 0 0 0.1 host 0.1\n\
         ODOM 0.1 0 0 0 0 0 0.2 host 0.2\nFLASER 3 1 2 1 0.1 0 0 0.1 0 0 0.2 host 0.2\n";
@@ -265,6 +266,7 @@ fn errors_name_what_is_wrong() {
             "expected 8 or more",
         ],
     );
+    check(&Calibrate { series: Some("1".into()), ..request(&[&log]) }, &["--series is for tables"]);
     let unknown = Calibrate { sets: vec!["localizer.nothing=1".into()], ..request(&[&log]) };
     check(&unknown, &["localizer.nothing"]);
 }

@@ -38,6 +38,10 @@ pub(super) fn of_tables(request: &Calibrate) -> Result<Found> {
         request.reference.is_none() && request.landmarks.is_none(),
         "--reference and --landmarks are for logs; a table tells itself what is true"
     );
+    ensure!(
+        request.robot.is_none() && request.sets.is_empty(),
+        "--robot and --set are for logs and --simulate; they change nothing about a table"
+    );
     let series = request.series.as_deref();
     let (mut translations, mut rotations) = (Vec::new(), Vec::new());
     for file in &request.inputs {
