@@ -1,5 +1,6 @@
 //! What each command does.
 
+mod calibrate;
 mod check;
 mod demo;
 mod evaluate;
@@ -33,9 +34,11 @@ pub fn run(cli: Cli) -> ExitCode {
             request.sets.splice(0..0, seed.map(|seed| format!("simulator.seed={seed}")));
             demo::run(request, &view)
         }
-        Some(Command::Map { log, settings, view }) => {
+        Some(Command::Map { log, config, settings, view }) => {
             let log = log.to_string_lossy().into_owned();
-            graph::run(&LoadRequest { log: Some(log), ..settings.request() }, &view)
+            // Whatever the sensor of that graph is, here it is the log.
+            let sensor = config.is_some().then(|| "replay".to_owned());
+            graph::run(&LoadRequest { graph: config, sensor, log: Some(log), ..settings.request() }, &view)
         }
         Some(Command::Up { graph, sensor, settings, view }) => {
             graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
@@ -55,6 +58,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Score { map, world, path, points, json, picture }) => {
             score::run(&score::Request { map, world, path, points, json, picture })
         }
+        Some(Command::Calibrate(request)) => calibrate::run(&request),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })
         }

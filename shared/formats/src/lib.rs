@@ -9,6 +9,8 @@
 //!
 //! [`localization`] reads what tells a robot where it is: reference paths, landmarks and sightings of them.
 //!
+//! [`trials`] reads what an odometry error model is made of, and [`chart`] draws how well it fits.
+//!
 //! [`convert`] goes from one format to another.
 //!
 //! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
@@ -16,6 +18,8 @@
 //! bounded and nothing panics.
 
 mod bounded;
+mod canvas;
+pub mod chart;
 pub mod convert;
 pub mod localization;
 pub mod log;
@@ -23,6 +27,7 @@ pub mod map;
 mod near;
 mod tables;
 mod text;
+pub mod trials;
 mod whole_file;
 pub mod world;
 

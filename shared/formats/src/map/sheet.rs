@@ -4,16 +4,13 @@
 //! believed to be, a green ring where it was.
 
 use std::path::Path;
-use std::slice;
 
 use echogrid_core::{CellIndex, Grid, Pose2, World};
-use font8x8::UnicodeFonts as _;
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, ImageEncoder as _};
 
 use super::MapError;
 use super::occupancy::probability;
 use super::picture::{ROBOT, UNKNOWN, grey};
+use crate::canvas::{Canvas, INK, LETTER_PX};
 use crate::whole_file::write_whole;
 
 /// Colour of the true walls.
@@ -21,8 +18,6 @@ pub const TRUE_WALL: [u8; 3] = [235, 60, 60];
 /// Colour of the ring where the robot was.
 pub const TRUE_ROBOT: [u8; 3] = [0, 140, 60];
 
-const PAPER: [u8; 3] = [255, 255, 255];
-const INK: [u8; 3] = [30, 30, 30];
 /// The long side of one map, pixels, about.
 const LONG_SIDE_PX: usize = 480;
 /// So many greys: more hardly show, and make the file much larger.
@@ -30,8 +25,7 @@ const GREYS: u16 = 16;
 const GAP_PX: usize = 8;
 /// A label stands so far inside of its panel.
 const LABEL_PX: usize = 4;
-/// A letter, and the line that it stands on.
-const LETTER_PX: usize = 8;
+/// The line that a letter stands on.
 const LINE_PX: usize = 12;
 /// One pixel of a wall in so many.
 const DOT_EVERY_PX: usize = 3;
@@ -92,24 +86,18 @@ pub fn encode(sheet: &Sheet<'_>) -> Result<Vec<u8>, MapError> {
     let height = GAP_PX + heading_px + label_px + sheet.rows.len() * (frame.height + GAP_PX);
     let mut canvas = Canvas::new(width, height);
     for (column, lines) in headings.iter().enumerate() {
-        canvas.text([left(column), GAP_PX], lines);
+        canvas.lines([left(column), GAP_PX], lines, LINE_PX);
     }
     let mut top = GAP_PX + heading_px;
     for (row, lines) in sheet.rows.iter().zip(&labels) {
-        canvas.text([GAP_PX, top], lines);
+        canvas.lines([GAP_PX, top], lines, LINE_PX);
         top += lines.len() * LINE_PX;
         for (column, panel) in row.panels.iter().take(columns).enumerate() {
             frame.draw(&mut canvas, [left(column), top], panel, sheet.world);
         }
         top += frame.height + GAP_PX;
     }
-    let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
-    let mut png = Vec::new();
-    // Few colours that repeat: no filter helps, a thorough search does.
-    PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::NoFilter)
-        .write_image(&canvas.pixels, side(canvas.width), side(canvas.height), ExtendedColorType::Rgb8)
-        .map_err(|error| failed(&error.to_string()))?;
-    Ok(png)
+    canvas.encode().map_err(|error| failed(&error.to_string()))
 }
 
 fn failed(what: &str) -> MapError {
@@ -174,7 +162,7 @@ impl Frame {
         if let Some(pose) = panel.robot.filter(|pose| pose.is_finite()) {
             self.disc(canvas, at, pose, 0.0..=ROBOT_RADIUS_PX, ROBOT);
         }
-        canvas.text(at.map(|edge| edge + LABEL_PX), slice::from_ref(&panel.label));
+        canvas.text(at.map(|edge| edge + LABEL_PX), &panel.label, 1, INK);
     }
 
     /// The mean over the known cells of a pixel.
@@ -241,40 +229,6 @@ fn one_of_greys(level: u8) -> u8 {
     (step * 255 / (GREYS - 1)) as u8
 }
 
-struct Canvas {
-    width: usize,
-    height: usize,
-    pixels: Vec<u8>,
-}
-
-impl Canvas {
-    fn new(width: usize, height: usize) -> Self {
-        Self { width, height, pixels: PAPER.repeat(width * height) }
-    }
-
-    fn set(&mut self, x: usize, y: usize, colour: [u8; 3]) {
-        if x < self.width
-            && let Some(pixel) = self.pixels.get_mut((y * self.width + x) * 3..(y * self.width + x) * 3 + 3)
-        {
-            pixel.copy_from_slice(&colour);
-        }
-    }
-
-    /// Lines of text, one below the other.
-    fn text(&mut self, [left, top]: [usize; 2], lines: &[String]) {
-        let places = |line: usize| (left..).step_by(LETTER_PX).zip(std::iter::repeat(top + line * LINE_PX));
-        let letters = lines.iter().enumerate().flat_map(|(index, line)| line.chars().zip(places(index)));
-        for (letter, (x, y)) in letters {
-            let known = font8x8::BASIC_FONTS.get(letter).or_else(|| font8x8::LATIN_FONTS.get(letter));
-            for (row, bits) in known.unwrap_or_default().iter().enumerate() {
-                for column in (0..LETTER_PX).filter(|column| bits >> column & 1 == 1) {
-                    self.set(x + column, y + row, INK);
-                }
-            }
-        }
-    }
-}
-
 /// Lines of whole words no wider than `width` pixels; a word that is wider is cut off.
 fn wrap(text: &str, width: usize) -> Vec<String> {
     let letters = (width / LETTER_PX).max(1);
@@ -297,6 +251,7 @@ mod tests {
     use echogrid_core::{Segment, WorldParts};
 
     use super::*;
+    use crate::canvas::INK;
 
     fn world() -> World {
         let walls = vec![Segment { from: [0.0, 1.75], to: [40.0, 1.75] }];

@@ -1,45 +1,8 @@
-//! The odometry error model from trials (eqs 5–8, after Chenavier and Crowley).
-//!
-//! Two phases of trials: translation only, then rotation only. Each trial is what odometry measured and what really
-//! happened; the error e of a trial is measured − true.
-//!
-//! | coefficient | from | how |
-//! |---|---|---|
-//! | a_l | translations | least-squares slope through the origin of e_lin against the measured Δl |
-//! | a_θ | rotations | the same of e_ang against the measured Δθ |
-//! | σ | rotations | mean of e_lin |
-//! | α | translations | mean of e_ang |
-//! | κ_ll | translations | Var(e_lin − a_l Δl) / mean abs Δl |
-//! | κ_θl | translations | Var(e_ang) / mean abs Δl |
-//! | κ_θθ | rotations | Var(e_ang − a_θ Δθ) / mean abs Δθ |
-//! | κ_lθ | rotations | Var(e_lin) / mean abs Δθ |
-//!
-//! Variances are those of samples (n − 1); Δl and Δθ are the measured ones.
+//! The fit itself.
 
+use super::Trial;
+use super::phase::{Phase, Shares};
 use crate::config::OdometryConfig;
-
-/// One trial: what the odometry measured, and what really happened.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Trial {
-    /// Δl as the odometry has it, metres along the way; negative backwards.
-    pub measured_m: f64,
-    /// Δθ as the odometry has it, radians, not wrapped.
-    pub measured_rad: f64,
-    /// Δl as it was, metres.
-    pub true_m: f64,
-    /// Δθ as it was, radians, not wrapped.
-    pub true_rad: f64,
-}
-
-impl Trial {
-    fn lin_error_m(&self) -> f64 {
-        self.measured_m - self.true_m
-    }
-
-    fn ang_error_rad(&self) -> f64 {
-        self.measured_rad - self.true_rad
-    }
-}
 
 /// The coefficients of eqs 1–4.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -73,6 +36,17 @@ pub enum CalibrationError {
         /// How many there are.
         count: usize,
     },
+    /// An interval needs more.
+    #[error(
+        "{count} trials of {phase}; expected {} or more, of which a confidence interval can be told",
+        super::TRIALS_MIN
+    )]
+    TooFewForIntervals {
+        /// Which phase.
+        phase: &'static str,
+        /// How many there are.
+        count: usize,
+    },
     /// A number that is none.
     #[error("trial {number} of {phase} is not finite; expected finite metres and radians")]
     NotFinite {
@@ -95,20 +69,28 @@ impl Calibration {
     /// # Errors
     /// Too few trials of a phase, numbers that are not finite, or no way in them.
     pub fn fit(translations: &[Trial], rotations: &[Trial]) -> Result<Self, CalibrationError> {
-        let way_m = way("translation", translations, |trial| trial.measured_m)?;
-        let turn_rad = way("rotation", rotations, |trial| trial.measured_rad)?;
-        let lin_scale = slope(translations, |t| t.measured_m, Trial::lin_error_m);
-        let ang_scale = slope(rotations, |t| t.measured_rad, Trial::ang_error_rad);
-        Ok(Self {
-            lin_scale,
-            lin_offset_m: mean(rotations, Trial::lin_error_m),
-            ang_scale,
-            ang_offset_rad: mean(translations, Trial::ang_error_rad),
-            k_ll: variance(translations, |t| t.lin_error_m() - lin_scale * t.measured_m) / way_m,
-            k_lt: variance(rotations, Trial::lin_error_m) / turn_rad,
-            k_tt: variance(rotations, |t| t.ang_error_rad() - ang_scale * t.measured_rad) / turn_rad,
-            k_tl: variance(translations, Trial::ang_error_rad) / way_m,
-        })
+        check("translation", translations, |trial| trial.measured_m)?;
+        check("rotation", rotations, |trial| trial.measured_rad)?;
+        Ok(Self::of(&Phase::translation(translations), &Phase::rotation(rotations)))
+    }
+
+    /// What the two phases come to; they were checked.
+    pub(super) fn of(translation: &Phase, rotation: &Phase) -> Self {
+        Self::from_shares(translation.shares(), rotation.shares())
+    }
+
+    /// Each phase tells four coefficients.
+    pub(super) fn from_shares(translation: Shares, rotation: Shares) -> Self {
+        Self {
+            lin_scale: translation.scale,
+            lin_offset_m: rotation.offset,
+            ang_scale: rotation.scale,
+            ang_offset_rad: translation.offset,
+            k_ll: translation.k_own,
+            k_lt: rotation.k_other,
+            k_tt: rotation.k_own,
+            k_tl: translation.k_other,
+        }
     }
 
     /// A configuration with these coefficients; what is done with them stays as in `config`.
@@ -128,8 +110,12 @@ impl Calibration {
     }
 }
 
-/// Mean absolute displacement of a phase.
-fn way(phase: &'static str, trials: &[Trial], displacement: impl Fn(&Trial) -> f64) -> Result<f64, CalibrationError> {
+/// Whether trials make a phase.
+pub(super) fn check(
+    phase: &'static str,
+    trials: &[Trial],
+    displacement: impl Fn(&Trial) -> f64,
+) -> Result<(), CalibrationError> {
     if trials.len() < 2 {
         return Err(CalibrationError::TooFew { phase, count: trials.len() });
     }
@@ -137,23 +123,8 @@ fn way(phase: &'static str, trials: &[Trial], displacement: impl Fn(&Trial) -> f
     if let Some(index) = trials.iter().position(|trial| !finite(trial)) {
         return Err(CalibrationError::NotFinite { phase, number: index + 1 });
     }
-    let way = mean(trials, |trial| displacement(trial).abs());
-    if way > 0.0 { Ok(way) } else { Err(CalibrationError::NoWay { phase }) }
-}
-
-fn mean(trials: &[Trial], value: impl Fn(&Trial) -> f64) -> f64 {
-    trials.iter().map(value).sum::<f64>() / trials.len() as f64
-}
-
-fn variance(trials: &[Trial], value: impl Fn(&Trial) -> f64) -> f64 {
-    let middle = mean(trials, &value);
-    let square = |trial: &Trial| (value(trial) - middle) * (value(trial) - middle);
-    trials.iter().map(square).sum::<f64>() / (trials.len() - 1) as f64
-}
-
-/// Through the origin.
-fn slope(trials: &[Trial], x: impl Fn(&Trial) -> f64, y: impl Fn(&Trial) -> f64) -> f64 {
-    trials.iter().map(|t| x(t) * y(t)).sum::<f64>() / trials.iter().map(|t| x(t) * x(t)).sum::<f64>()
+    let moves = trials.iter().any(|trial| displacement(trial) != 0.0);
+    if moves { Ok(()) } else { Err(CalibrationError::NoWay { phase }) }
 }
 
 #[cfg(test)]
