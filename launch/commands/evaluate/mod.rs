@@ -65,7 +65,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     }
     let on_workload = match &workload {
         Some(workload) => {
-            let judged = jobs::run(&METHODS, |method| workload.judge(&sets_of(method)))?;
+            let judged = jobs::run(METHODS, |method| workload.judge(&sets_of(method)))?;
             METHODS.iter().map(|method| method.name).zip(judged).collect()
         }
         None => Vec::new(),

@@ -15,8 +15,6 @@ const WORLD: &str = "building.map";
 /// Numbers of a ring.
 const FIELDS: usize = 19;
 const NO_ECHO_M: f32 = 5.0;
-/// From ring to ring.
-const PERIOD_NS: u64 = 100_000_000;
 
 /// The rings of a workload.
 pub(super) struct Workload {
@@ -58,12 +56,13 @@ impl Workload {
             let pose = Pose2::new(f64::from(*x), f64::from(*y), f64::from(*theta));
             let estimate = Estimate::certain(pose);
             path.push(pose);
-            for (transducer, range_m) in ranges.iter().enumerate() {
+            let reading = |(transducer, range_m): (usize, &f32)| {
                 let echo =
                     if *range_m >= NO_ECHO_M { Echo::NoEcho } else { Echo::Hit { range_m: f64::from(*range_m) } };
-                let reading = Reading { transducer: transducer as u16, echo, offset_ns: 0 };
-                mapper.integrate(sequence as u64 * PERIOD_NS, &reading, Some(&estimate));
-            }
+                (Reading { transducer: transducer as u16, echo, offset_ns: 0 }, Some(estimate))
+            };
+            let scan: Vec<_> = ranges.iter().enumerate().map(reading).collect();
+            mapper.integrate_scan(sequence as u64 + 1, &scan);
         }
         let truth = Truth::of(&self.world, &path, mapper.grid())?;
         Ok(Quality::against(mapper.grid(), &truth)?)

@@ -274,7 +274,7 @@ impl Default for MapperConfig {
     fn default() -> Self {
         Self {
             resolution_m: 0.05,
-            fusion: Fusion::Paper,
+            fusion: Fusion::FirstEcho,
             log_odds_max: 8.0,
             log_odds_prior: 0.0,
             p_occupied: 0.85,
@@ -292,7 +292,7 @@ impl Default for MapperConfig {
             tempering: 0.5,
             remap: false,
             remap_readings_max: 50_000,
-            filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Bubble],
+            filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Lone, Filter::Bubble],
             filter_rings: 10,
             stuck_after_m: 0.5,
             lone_tolerance_m: 0.15,

@@ -183,7 +183,7 @@ impl GridMapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Limit, LimitWord, SonarSelection};
+    use crate::config::{Fusion, Limit, LimitWord, SonarSelection};
     use crate::grid::CellIndex;
     use crate::odometry::OdometryErrors;
     use crate::pose::Pose2;
@@ -220,8 +220,13 @@ mod tests {
         }
     }
 
+    /// The paper's rule, which depends on the seed.
+    fn papers() -> MapperConfig {
+        MapperConfig { fusion: Fusion::Paper, ..MapperConfig::default() }
+    }
+
     fn mapper(change: impl FnOnce(&mut MapperConfig)) -> Result<GridMapper, ConfigError> {
-        let mut config = MapperConfig::default();
+        let mut config = papers();
         change(&mut config);
         GridMapper::new(&config, Noise::Sampled, 7, robot())
     }
@@ -358,7 +363,7 @@ mod tests {
     #[test]
     fn the_same_readings_give_the_same_bytes() {
         let map = |seed: u64| {
-            let mut mapper = GridMapper::new(&MapperConfig::default(), Noise::Sampled, seed, robot()).unwrap();
+            let mut mapper = GridMapper::new(&papers(), Noise::Sampled, seed, robot()).unwrap();
             let errors = OdometryErrors { eps_lin_m2: 1e-3, eps_ang_rad2: 1e-3, ..OdometryErrors::default() };
             for sequence in 0..20 {
                 let pose = Pose2::new(0.03 * sequence as f64, 0.0, 0.05 * sequence as f64);
@@ -376,14 +381,14 @@ mod tests {
             }
             bytes
         };
-        assert_eq!(map(1), map(1));
-        assert_ne!(map(1), map(2));
+        assert!(map(1) == map(1));
+        assert!(map(1) != map(2));
     }
 
     #[test]
     fn one_sigma_does_not_depend_on_the_seed() {
         let map = |seed: u64| {
-            let mut mapper = GridMapper::new(&MapperConfig::default(), Noise::OneSigma, seed, robot()).unwrap();
+            let mut mapper = GridMapper::new(&papers(), Noise::OneSigma, seed, robot()).unwrap();
             let errors = OdometryErrors { eps_lin_m2: 1e-3, eps_ang_rad2: 1e-3, ..OdometryErrors::default() };
             mapper.integrate(1, &hit(0, 2.0), Some(&Estimate { errors, ..here() }));
             mapper.grid().log_odds(CellIndex { i: 44, j: 0 })
