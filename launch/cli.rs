@@ -152,6 +152,20 @@ pub enum Command {
         #[arg(long, value_name = "FILE.png")]
         picture: Option<PathBuf>,
     },
+    /// Finds the two walls of a map's longest corridor, and tells how much of what is occupied lies along them; needs no world.
+    Walls {
+        /// Native map, map.echogrid.
+        map: PathBuf,
+        /// Cells that are nearer to a wall belong to it, metres.
+        #[arg(long, value_name = "METRES", default_value_t = echogrid_core::walls::WITHIN_M, value_parser = reach)]
+        within: f64,
+        /// Prints the figures as JSON.
+        #[arg(long)]
+        json: bool,
+        /// Saves a picture of the map with the walls drawn over it.
+        #[arg(long, value_name = "FILE.png")]
+        picture: Option<PathBuf>,
+    },
     /// Makes the odometry error model of a robot, of trials or of a drive, and tells how far it can be trusted.
     #[command(after_help = CALIBRATE_HELP)]
     Calibrate(Calibrate),
@@ -347,6 +361,12 @@ fn angle(text: &str) -> Result<f64, String> {
     };
     let angle = number.parse::<f64>().ok().map(|number| number * scale).filter(|angle| angle.abs() <= 1e6);
     angle.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())
+}
+
+/// Metres, as far as a wall may reach.
+fn reach(text: &str) -> Result<f64, String> {
+    let metres = text.trim().parse::<f64>().ok().filter(|metres| (0.001..=10.0).contains(metres));
+    metres.ok_or_else(|| "expected metres, from 0.001 to 10".to_owned())
 }
 
 /// Metres, 0 or more.

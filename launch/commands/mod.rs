@@ -10,6 +10,7 @@ mod observer;
 mod score;
 mod service;
 mod talk;
+mod walls;
 
 use std::io::Write;
 use std::path::Path;
@@ -58,6 +59,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Score { map, world, path, points, json, picture }) => {
             score::run(&score::Request { map, world, path, points, json, picture })
         }
+        Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
         Some(Command::Calibrate(request)) => calibrate::run(&request),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })

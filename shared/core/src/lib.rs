@@ -35,6 +35,7 @@ pub mod smoothing;
 mod sonar_maps;
 pub mod summary;
 pub mod verdict;
+pub mod walls;
 pub mod world;
 
 pub use angle::wrap_angle;
@@ -58,4 +59,5 @@ pub use sensor_model::nominal_trust;
 pub use smoothing::smooth;
 pub use summary::{GridSummary, RunningSummary};
 pub use verdict::{Verdict, VerdictCounts};
+pub use walls::{Wall, Walls};
 pub use world::{Cone, Fan, Meeting, Person, RayHit, Segment, Vicinity, World, WorldParts};

@@ -1,28 +1,35 @@
-//! A picture in the making: pixels and letters.
+//! A picture in the making: pixels and letters. Row 0 is on top.
 
 use font8x8::UnicodeFonts as _;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder as _, ImageError};
 
-pub(crate) const PAPER: [u8; 3] = [255, 255, 255];
-pub(crate) const INK: [u8; 3] = [30, 30, 30];
+/// White: red, green, blue.
+pub const PAPER: [u8; 3] = [255, 255, 255];
+/// What letters are written in.
+pub const INK: [u8; 3] = [30, 30, 30];
 /// Width and height of a letter, pixels.
-pub(crate) const LETTER_PX: usize = 8;
+pub const LETTER_PX: usize = 8;
 
 /// Pixels, and how many there are.
-pub(crate) struct Canvas {
-    pub(crate) width: usize,
-    pub(crate) height: usize,
+#[derive(Debug, Clone)]
+pub struct Canvas {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
     pixels: Vec<u8>,
 }
 
 impl Canvas {
-    pub(crate) fn new(width: usize, height: usize) -> Self {
+    /// All paper.
+    #[must_use]
+    pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: PAPER.repeat(width * height) }
     }
 
-    /// What lies outside is left out.
-    pub(crate) fn set(&mut self, x: usize, y: usize, colour: [u8; 3]) {
+    /// Colours a pixel. What lies outside is left out.
+    pub fn set(&mut self, x: usize, y: usize, colour: [u8; 3]) {
         if x < self.width
             && let Some(pixel) = self.pixels.get_mut((y * self.width + x) * 3..(y * self.width + x) * 3 + 3)
         {
@@ -31,14 +38,14 @@ impl Canvas {
     }
 
     /// Lines of text, one below the other.
-    pub(crate) fn lines(&mut self, [left, top]: [usize; 2], lines: &[String], line_px: usize) {
+    pub fn lines(&mut self, [left, top]: [usize; 2], lines: &[String], line_px: usize) {
         for (index, line) in lines.iter().enumerate() {
             self.text([left, top + index * line_px], line, 1, INK);
         }
     }
 
     /// One line of letters that are `scale` times as large.
-    pub(crate) fn text(&mut self, [left, top]: [usize; 2], text: &str, scale: usize, colour: [u8; 3]) {
+    pub fn text(&mut self, [left, top]: [usize; 2], text: &str, scale: usize, colour: [u8; 3]) {
         for (letter, x) in text.chars().zip((left..).step_by(LETTER_PX * scale)) {
             let fonts = font8x8::BASIC_FONTS.get(letter).or_else(|| font8x8::LATIN_FONTS.get(letter));
             let bits = fonts.or_else(|| font8x8::GREEK_FONTS.get(letter)).unwrap_or_default();
@@ -50,8 +57,11 @@ impl Canvas {
         }
     }
 
-    /// As the bytes of a PNG file.
-    pub(crate) fn encode(&self) -> Result<Vec<u8>, ImageError> {
+    /// As the bytes of a PNG file; the same pixels give the same bytes.
+    ///
+    /// # Errors
+    /// When there is no pixel.
+    pub fn encode(&self) -> Result<Vec<u8>, ImageError> {
         let side = |pixels: usize| u32::try_from(pixels).unwrap_or(u32::MAX);
         let mut png = Vec::new();
         // Few colours that repeat: no filter helps, a thorough search does.

@@ -11,6 +11,8 @@
 //!
 //! [`trials`] reads what an odometry error model is made of, and [`chart`] draws how well it fits.
 //!
+//! [`canvas`] draws pictures with words in them.
+//!
 //! [`convert`] goes from one format to another.
 //!
 //! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
@@ -18,7 +20,7 @@
 //! bounded and nothing panics.
 
 mod bounded;
-mod canvas;
+pub mod canvas;
 pub mod chart;
 pub mod convert;
 pub mod localization;

@@ -10,7 +10,7 @@ use std::slice;
 
 use echogrid_core::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, log_odds_of};
 use echogrid_core::quality::{TrueCell, Truth, judged_log_odds};
-use echogrid_core::{CellIndex, Grid, Pose2, Raster};
+use echogrid_core::{CellIndex, Grid, Pose2, Raster, Wall};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
 use super::occupancy::{CELLS_MAX, probability, raster_of};
@@ -103,6 +103,30 @@ pub fn encode_judged(grid: &Grid, truth: &Truth, path: &[Pose2]) -> Result<Vec<u
 /// When the picture can't be encoded or written.
 pub fn write_judged(file: &Path, grid: &Grid, truth: &Truth, path: &[Pose2]) -> Result<(), MapError> {
     write_whole(file, &encode_judged(grid, truth, path)?)?;
+    Ok(())
+}
+
+/// Colour of a straight wall: red, green, blue.
+pub const WALL: [u8; 3] = [230, 0, 120];
+
+/// The map as a PNG file's bytes, with straight walls drawn over it.
+///
+/// # Errors
+/// When the known cells lie too far apart for a picture.
+pub fn encode_walls(grid: &Grid, walls: &[Wall]) -> Result<Vec<u8>, MapError> {
+    let mut canvas = Canvas::of(&raster_of(grid)?, Margins::default());
+    for wall in walls {
+        canvas.line(wall.from, wall.to, WALL);
+    }
+    encode_png(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
+}
+
+/// Writes [`encode_walls`] to a file, whole or not at all.
+///
+/// # Errors
+/// When the picture can't be encoded or written.
+pub fn write_walls(file: &Path, grid: &Grid, walls: &[Wall]) -> Result<(), MapError> {
+    write_whole(file, &encode_walls(grid, walls)?)?;
     Ok(())
 }
 
@@ -217,6 +241,16 @@ impl Canvas {
         }
     }
 
+    /// A straight line between two places of the map.
+    fn line(&mut self, from: [f64; 2], to: [f64; 2], colour: [u8; 3]) {
+        let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        let dots = (dx.hypot(dy) * self.pixels_per_m).ceil().clamp(1.0, 1e5) as u32;
+        for dot in 0..=dots {
+            let share = f64::from(dot) / f64::from(dots);
+            self.disc(Pose2::new(from[0] + share * dx, from[1] + share * dy, 0.0), 0.0, 1.3, colour);
+        }
+    }
+
     /// A disc around a place of the map; what lies outside is cut off.
     fn disc(&mut self, at: Pose2, radius_m: f64, least_radius_px: f64, colour: [u8; 3]) {
         let radius = (radius_m * self.pixels_per_m).max(least_radius_px);
@@ -319,6 +353,18 @@ mod tests {
         check(0, 2, judged::OPEN);
         check(0, 4, judged::OPEN);
         check(3, 3, judged::WALL_AS_FREE);
+    }
+
+    #[test]
+    fn walls_are_drawn_over_the_map() {
+        let wall = Wall { from: [0.25, 0.25], to: [1.75, 0.25], covered_m: 1.5, cells: 4, rms_m: 0.0 };
+        let picture = |walls: &[Wall]| {
+            image::load_from_memory(&encode_walls(&document().grid, walls).unwrap()).unwrap().to_rgb8()
+        };
+        assert!(picture(&[]).pixels().all(|pixel| pixel.0 != WALL));
+        let drawn = picture(&[wall]);
+        assert!((20..100).all(|x| drawn.get_pixel(x, 47).0 == WALL));
+        assert_eq!(drawn.get_pixel(0, 0).0, [128; 3]);
     }
 
     #[test]
