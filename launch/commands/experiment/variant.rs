@@ -76,7 +76,8 @@ impl Variant {
         let sonars = if self.all_sonars { "\"all\"".to_owned() } else { format!("{SIDE_SONARS:?}") };
         // The paper refuses no reading for being doubtful, and gave up the bubble circles.
         let filters = "mapper.filters=[\"range\", \"selection\"]".to_owned();
-        let common = ["mapper.min_trust=0".to_owned(), filters, format!("mapper.sonars={sonars}")];
+        let rule = "mapper.fusion=paper".to_owned();
+        let common = ["mapper.min_trust=0".to_owned(), rule, filters, format!("mapper.sonars={sonars}")];
         let files = ["publisher.formats=[\"png\", \"echogrid\"]".to_owned()];
         let request = LoadRequest {
             sensor: Some("simulator".to_owned()),

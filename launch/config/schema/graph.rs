@@ -259,9 +259,9 @@ static MAPPER: Section = Section {
         key("resolution_m", "a number of metres", "metres, side of a cell"),
         words(
             "fusion",
-            &["paper", "covariance", "first_echo"],
-            "one of paper, covariance, first_echo",
-            "paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance; \
+            &["auto", "paper", "covariance", "first_echo"],
+            "one of auto, paper, covariance, first_echo",
+            "auto: first_echo for sonars, paper for lidars; paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance; \
              first_echo: Bayes' rule over the cone given the map so far, likewise with doubt by direction",
         ),
         key("log_odds_max", "a number", "log-odds are kept within plus and minus this"),

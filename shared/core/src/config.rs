@@ -7,6 +7,8 @@ use core::fmt::Display;
 
 use serde::{Deserialize, Serialize};
 
+use crate::robot::SensorKind;
+
 /// A value out of its range.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{key} = {value}: expected {expected}")]
@@ -133,6 +135,8 @@ impl OdometryConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fusion {
+    /// [`Fusion::FirstEcho`] for sonars; [`Fusion::Paper`] for lidars, whose beams leave nothing open that a cone does.
+    Auto,
     /// The paper's model: eqs 21–23, log-odds added.
     Paper,
     /// The same with deviations by direction, from the covariance of the pose: who lost the way along a corridor still knows
@@ -140,6 +144,18 @@ pub enum Fusion {
     Covariance,
     /// The exact Bayes update of a cone given the map so far ([`crate::first_echo`]), with deviations by direction.
     FirstEcho,
+}
+
+impl Fusion {
+    /// The rule for a sensor of this kind.
+    #[must_use]
+    pub fn of(self, kind: SensorKind) -> Self {
+        match (self, kind) {
+            (Self::Auto, SensorKind::Sonar) => Self::FirstEcho,
+            (Self::Auto, SensorKind::Lidar) => Self::Paper,
+            (rule, _) => rule,
+        }
+    }
 }
 
 /// What a reading without an echo says.
@@ -274,7 +290,7 @@ impl Default for MapperConfig {
     fn default() -> Self {
         Self {
             resolution_m: 0.05,
-            fusion: Fusion::FirstEcho,
+            fusion: Fusion::Auto,
             log_odds_max: 8.0,
             log_odds_prior: 0.0,
             p_occupied: 0.85,

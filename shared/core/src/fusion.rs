@@ -70,8 +70,8 @@ impl Fuser {
         let map_from_transducer = estimate.pose * sensor.base_from_transducer;
         let of_now = || self.novelty.of(transducer, map_from_transducer, self.config.novelty_m);
         let news = sounding.news.unwrap_or_else(of_now);
-        let added = match self.config.fusion {
-            Fusion::Paper | Fusion::Covariance => {
+        let added = match self.config.fusion.of(sensor.kind) {
+            Fusion::Auto | Fusion::Paper | Fusion::Covariance => {
                 let cone = self.cone(sounding, deviations, news);
                 self.kernel.add(grid, dirty, map_from_transducer, &cone, sequence)
             }
@@ -88,8 +88,8 @@ impl Fuser {
         let (aperture_rad, ratio, resolution_m) =
             (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
         let range_m = sounding.range_m.unwrap_or(sensor.range_max_m);
-        match self.config.fusion {
-            Fusion::Paper => {
+        match self.config.fusion.of(sensor.kind) {
+            Fusion::Auto | Fusion::Paper => {
                 let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
                 Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
             }
