@@ -330,6 +330,11 @@ static MAPPER: Section = Section {
         key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
         key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),
         key("sonar_maps", "true or false", "whether a map of each sonar is kept besides, and saved as sonars.png"),
+        key(
+            "doubt",
+            "true or false",
+            "whether it is kept, and saved as doubt.png, how much odometry error the evidence of each cell carried",
+        ),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

@@ -183,6 +183,10 @@ impl MapperService {
         for index in dirty {
             let Some(tile) = mapper.grid().tile(index) else { continue };
             out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
+            if let Some(doubt) = mapper.doubt().and_then(|doubt| doubt.tile(index)) {
+                let doubt = Tile { revision: tile.revision, log_odds: doubt.log_odds.clone() };
+                out.send(self.stamp_ns, update(Layer::Doubt, index, &doubt, self.config.resolution_m));
+            }
         }
         for (sonar, index) in mapper.take_dirty_of_sonars() {
             let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };

@@ -268,6 +268,8 @@ pub struct MapperConfig {
     pub bubble_tolerance_m: f64,
     /// Whether a map of each sonar is kept besides.
     pub sonar_maps: bool,
+    /// Whether it is kept how much odometry error the evidence of each cell carried.
+    pub doubt: bool,
 }
 
 impl Default for MapperConfig {
@@ -298,6 +300,7 @@ impl Default for MapperConfig {
             lone_tolerance_m: 0.15,
             bubble_tolerance_m: 0.05,
             sonar_maps: false,
+            doubt: false,
         }
     }
 }

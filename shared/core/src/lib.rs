@@ -8,6 +8,7 @@
 pub mod angle;
 pub mod calibration;
 pub mod config;
+mod doubt;
 mod filter;
 pub mod first_echo;
 mod fusion;

@@ -1,8 +1,9 @@
 //! Algorithm 1: occupancy grid mapping.
 
 use crate::config::{ConfigError, MapperConfig, NoEcho, Noise};
+use crate::doubt::Doubt;
 use crate::filter::{Chain, Channel, channels, range_of};
-use crate::fusion::{Fuser, Sounding};
+use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
 use crate::odometry::Estimate;
 use crate::reading::Reading;
@@ -24,6 +25,8 @@ pub struct GridMapper {
     pub(crate) journal: Option<Journal>,
     /// None: not asked for.
     sonar_maps: Option<SonarMaps>,
+    /// None: not asked for.
+    pub(crate) doubt: Option<Doubt>,
 }
 
 impl GridMapper {
@@ -36,13 +39,15 @@ impl GridMapper {
         mapper.validate()?;
         let channels = channels(mapper, &robot)?;
         let mut grid = Grid::new(mapper.resolution_m);
+        let mut doubt = mapper.doubt.then(|| Doubt::new(mapper.resolution_m, mapper.log_odds_prior));
         Ok(Self {
             config: mapper.clone(),
             chain: Chain::new(mapper, &channels),
             channels,
             fuser: Fuser::new(mapper, noise, seed),
-            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid)),
+            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid, doubt.as_mut())),
             grid,
+            doubt,
             dirty: DirtyTiles::default(),
             sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
         })
@@ -52,6 +57,14 @@ impl GridMapper {
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// How much odometry error the evidence of each cell carried, metres: the mean of √(σ_z² − σ_z0²) of its readings, weighted by
+    /// how far each moved the cell's log-odds. It changes in the tiles that the map changes in (their revision is the map's). None
+    /// unless `doubt` is set.
+    #[must_use]
+    pub fn doubt(&self) -> Option<&Grid> {
+        self.doubt.as_ref().map(Doubt::means)
     }
 
     /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
@@ -103,7 +116,7 @@ impl GridMapper {
         refusal: Option<Verdict>,
     ) -> Verdict {
         if let Some(journal) = &mut self.journal {
-            journal.make_room(&mut self.grid);
+            journal.make_room(&mut self.grid, self.doubt.as_mut());
         }
         let fused = match refusal {
             Some(Verdict::NoEcho) if self.clears(reading) => self.fuse(sequence, reading, estimate, None),
@@ -111,7 +124,7 @@ impl GridMapper {
             None => self.fuse(sequence, reading, estimate, None),
         };
         if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
-            journal.keep(sequence, reading, estimate, fused);
+            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news));
         }
         if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
             self.add_to_sonar_map(sequence, reading, estimate, fused);
@@ -130,10 +143,10 @@ impl GridMapper {
         sequence: u64,
         reading: &Reading,
         estimate: Option<&Estimate>,
-        fused: Result<f64, Verdict>,
+        fused: Result<Weighed, Verdict>,
     ) {
         let news = match fused {
-            Ok(news) => news,
+            Ok(Weighed { news, .. }) => news,
             Err(Verdict::NotSelected | Verdict::Stuck | Verdict::Lone | Verdict::MultipleReflection) => 1.0,
             Err(_) => return,
         };
@@ -160,7 +173,7 @@ impl GridMapper {
         reading: &Reading,
         estimate: Option<&Estimate>,
         news: Option<f64>,
-    ) -> Result<f64, Verdict> {
+    ) -> Result<Weighed, Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
         let range_m = match range_of(reading.echo) {
@@ -172,7 +185,16 @@ impl GridMapper {
         // How far to trust it, and what it says of every cell of its cone
         let (transducer, sensor) = (reading.transducer, &channel.transducer);
         let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news };
-        self.fuser.add(&mut self.grid, &mut self.dirty, &sounding)
+        let Some(doubt) = &mut self.doubt else { return self.fuser.add(&mut self.grid, &mut self.dirty, &sounding) };
+        let mut touched = DirtyTiles::default();
+        let weighed = self.fuser.add(&mut self.grid, &mut touched, &sounding)?;
+        for index in touched.take() {
+            if let Some(tile) = self.grid.tile(index) {
+                doubt.gather(index, tile, weighed.doubt_m);
+            }
+            self.dirty.insert(index);
+        }
+        Ok(weighed)
     }
 
     fn channel(&self, transducer: u16) -> Option<Channel> {
