@@ -10,6 +10,7 @@ mod observer;
 mod score;
 mod service;
 mod talk;
+mod why;
 
 use std::io::Write;
 use std::path::Path;
@@ -57,6 +58,10 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Convert { input, output }) => convert(&input, &output),
         Some(Command::Score { map, world, path, points, json, picture }) => {
             score::run(&score::Request { map, world, path, points, json, picture })
+        }
+        Some(Command::Why { x, y, map, domain, limit, json }) => {
+            let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
+            map.and_then(|map| why::run(&why::Request { at: [x, y], map, json, limit }))
         }
         Some(Command::Calibrate(request)) => calibrate::run(&request),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {

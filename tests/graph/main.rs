@@ -18,3 +18,4 @@ mod shutdown;
 mod simulator;
 mod support;
 mod talk;
+mod why;

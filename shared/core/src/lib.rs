@@ -16,6 +16,7 @@ pub mod gate;
 pub mod grid;
 pub mod joint;
 mod kalman;
+pub mod kept;
 pub mod kernel;
 pub mod landmarks;
 pub mod localization;
@@ -36,6 +37,7 @@ pub mod smoothing;
 mod sonar_maps;
 pub mod summary;
 pub mod verdict;
+pub mod why;
 pub mod world;
 
 pub use angle::wrap_angle;

@@ -5,6 +5,7 @@ use crate::doubt::Doubt;
 use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
+use crate::kept::{KeptReading, KeptReadings};
 use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::remap::Journal;
@@ -27,6 +28,8 @@ pub struct GridMapper {
     sonar_maps: Option<SonarMaps>,
     /// None: not asked for.
     pub(crate) doubt: Option<Doubt>,
+    /// None: not asked for.
+    pub(crate) kept: Option<KeptReadings>,
 }
 
 impl GridMapper {
@@ -48,6 +51,7 @@ impl GridMapper {
             journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid, doubt.as_mut())),
             grid,
             doubt,
+            kept: mapper.keep_readings.then(|| KeptReadings::new(mapper.keep_readings_max as usize)),
             dirty: DirtyTiles::default(),
             sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
         })
@@ -65,6 +69,13 @@ impl GridMapper {
     #[must_use]
     pub fn doubt(&self) -> Option<&Grid> {
         self.doubt.as_ref().map(Doubt::means)
+    }
+
+    /// The readings as they were fused last, with those that were refused though they told a range. None unless `keep_readings` is
+    /// set.
+    #[must_use]
+    pub fn kept_readings(&self) -> Option<&KeptReadings> {
+        self.kept.as_ref()
     }
 
     /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
@@ -124,7 +135,14 @@ impl GridMapper {
             None => self.fuse(sequence, reading, estimate, None),
         };
         if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
-            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news));
+            let place = self.kept.as_ref().map_or(0, KeptReadings::next_place);
+            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news), place);
+        }
+        if self.kept.is_some() {
+            let kept = estimate.and_then(|estimate| self.as_kept(sequence, reading, estimate, fused));
+            if let Some((all, kept)) = self.kept.as_mut().zip(kept) {
+                all.push(kept);
+            }
         }
         if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
             self.add_to_sonar_map(sequence, reading, estimate, fused);
@@ -195,6 +213,31 @@ impl GridMapper {
             self.dirty.insert(index);
         }
         Ok(weighed)
+    }
+
+    /// A reading as it was fused, or as it would have been if it was refused for what it tells.
+    pub(crate) fn as_kept(
+        &self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: &Estimate,
+        fused: Result<Weighed, Verdict>,
+    ) -> Option<KeptReading> {
+        let (pose, reading) = (estimate.pose, *reading);
+        match fused {
+            Ok(Weighed { deviations, news, .. }) => {
+                Some(KeptReading { sequence, reading, pose, deviations, news, verdict: Verdict::Accepted })
+            }
+            Err(Verdict::Accepted | Verdict::Invalid | Verdict::NoEcho | Verdict::NoPose | Verdict::Held) => None,
+            Err(verdict) => {
+                let channel = self.channel(reading.transducer).filter(|_| pose.is_finite())?;
+                let (transducer, sensor) = (reading.transducer, &channel.transducer);
+                let range_m = range_of(reading.echo).ok();
+                let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news: None };
+                let deviations = self.fuser.deviations(&sounding);
+                Some(KeptReading { sequence, reading, pose, deviations, news: 0.0, verdict })
+            }
+        }
     }
 
     fn channel(&self, transducer: u16) -> Option<Channel> {

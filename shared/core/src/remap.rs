@@ -37,6 +37,8 @@ struct Kept {
     fused: Result<f64, Verdict>,
     /// Its estimate, of those of the layer.
     at: usize,
+    /// Its place among the kept readings, if these are kept.
+    place: u64,
 }
 
 /// Map and doubt as they had been.
@@ -107,14 +109,21 @@ impl Journal {
     }
 
     /// After it was: what may be told better by the next fix.
-    pub(crate) fn keep(&mut self, sequence: u64, reading: &Reading, estimate: &Estimate, fused: Result<f64, Verdict>) {
+    pub(crate) fn keep(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: &Estimate,
+        fused: Result<f64, Verdict>,
+        place: u64,
+    ) {
         let Some(layer) = self.layers.back_mut() else { return };
         if matches!(fused, Ok(_) | Err(Verdict::Untrusted)) {
             if layer.estimates.last() != Some(estimate) {
                 layer.estimates.push(*estimate);
             }
             let at = layer.estimates.len() - 1;
-            layer.readings.push(Kept { sequence, reading: *reading, fused, at });
+            layer.readings.push(Kept { sequence, reading: *reading, fused, at, place });
         }
     }
 }
@@ -169,8 +178,13 @@ impl GridMapper {
             doubt.restore(saved.doubt, &self.grid);
         }
         for (estimates, readings) in readings {
-            for Kept { sequence, reading, fused, at } in readings {
-                let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok()).map(|weighed| weighed.news);
+            for Kept { sequence, reading, fused, at, place } in readings {
+                let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok());
+                let kept = self.kept.is_some().then(|| self.as_kept(sequence, &reading, estimates.get(at)?, now));
+                if let Some((all, kept)) = self.kept.as_mut().zip(kept.flatten()) {
+                    all.replace(place, kept);
+                }
+                let now = now.map(|weighed| weighed.news);
                 let verdict = |fused: Result<f64, Verdict>| fused.err().unwrap_or(Verdict::Accepted);
                 if verdict(now) != verdict(fused) {
                     verdicts.push((verdict(fused), verdict(now)));
@@ -200,7 +214,7 @@ mod tests {
     use crate::robot::{Robot, Sensor, SensorKind};
     use crate::verdict::VerdictCounts;
 
-    fn mapper(config: &MapperConfig) -> GridMapper {
+    fn robot() -> Robot {
         let sensor = Sensor {
             kind: SensorKind::Sonar,
             base_from_sensor: Pose2::new(0.2, 0.0, 1.0),
@@ -213,8 +227,11 @@ mod tests {
             range_max_m: 5.0,
             range_error_ratio: 0.01,
         };
-        let robot = Robot { sensors: vec![sensor], ..Robot::default() };
-        GridMapper::new(config, Noise::Sampled, 7, robot).unwrap()
+        Robot { sensors: vec![sensor], ..Robot::default() }
+    }
+
+    fn mapper(config: &MapperConfig) -> GridMapper {
+        GridMapper::new(config, Noise::Sampled, 7, robot()).unwrap()
     }
 
     fn config(remap: bool) -> MapperConfig {
@@ -325,6 +342,46 @@ mod tests {
             let (count, wrong) =
                 cells.fold((0, 0), |(n, wrong), value| (n + 1, wrong + u32::from((value - 0.1).abs() > 1e-6)));
             assert!(count > 500 && wrong == 0, "{fusion:?}: {wrong} of {count}");
+        }
+    }
+
+    /// Replayed, the kept readings come to every cell of the map, whatever fused them, and after a fix.
+    #[test]
+    fn the_kept_readings_tell_why() {
+        let (way, after) = way();
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            let config = MapperConfig { fusion, keep_readings: true, novelty_m: 0.3, ..config(true) };
+            let mut mapper = mapper(&config);
+            let check = |mapper: &GridMapper| {
+                let kept = mapper.kept_readings().unwrap();
+                assert_eq!((kept.iter().len(), kept.given_up()), (162, 0));
+                let all = cells(mapper);
+                let mut moved = 0;
+                for (index, offset, bits) in all.iter().step_by(all.len() / 7) {
+                    let first = index.first_cell();
+                    let (i, j) = (first.i + (offset % 64) as i32, first.j + (offset / 64) as i32);
+                    let place = mapper.grid().centre(crate::grid::CellIndex { i, j });
+                    let why = crate::why::why(&config, &robot(), kept.iter(), place).unwrap();
+                    assert_eq!(why.log_odds.map(f32::to_bits), Some(*bits), "{fusion:?} at {place:?}");
+                    // Each begins where the last one ended.
+                    let mut log_odds = None;
+                    for said in &why.said {
+                        assert_eq!(said.before, log_odds);
+                        let is_moved = said.after.map(f32::to_bits) != said.before.map(f32::to_bits);
+                        assert_eq!(said.kept.verdict == Verdict::Accepted, is_moved);
+                        log_odds = said.after;
+                        moved += 1;
+                    }
+                    assert_eq!(log_odds, why.log_odds);
+                }
+                assert!(moved > 20, "{moved}");
+            };
+            give(&mut mapper, 1, &way);
+            check(&mapper);
+            assert_eq!(mapper.rectify(1000, &way[80], &after).readings, 162);
+            check(&mapper);
+            let nowhere = crate::why::why(&config, &robot(), mapper.kept_readings().unwrap().iter(), [-50.0, 9.0]);
+            assert_eq!(nowhere.unwrap(), crate::why::Why { log_odds: None, said: Vec::new() });
         }
     }
 

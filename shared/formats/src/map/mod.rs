@@ -7,6 +7,7 @@
 //! | `map.pgm` + `map.yaml` | occupancy for ROS's map_server and Nav2 | [`map_server`] |
 //! | `map.npy` | probabilities for NumPy | [`npy`] |
 //! | `doubt.png`, `doubt.npy` | how much odometry error the evidence of each cell carried, where that was kept | [`doubt`] |
+//! | `readings.echogrid` | the readings as they were fused, where they were kept | [`readings`] |
 //!
 //! [`MapFiles::write_all`] writes those that are chosen. Every file is written whole or not at all: whatever
 //! stood at its path stays intact until the new one is complete and stored. Unknown cells stay
@@ -22,6 +23,7 @@ pub mod native;
 pub mod npy;
 mod occupancy;
 pub mod picture;
+pub mod readings;
 pub mod sheet;
 
 pub use document::{MapDocument, PathPoint, Provenance};

@@ -27,8 +27,10 @@ mod write;
 
 use std::path::Path;
 
+pub(super) use read::Cursor;
 pub use read::{NativeError, decode};
 pub use write::encode;
+pub(super) use write::section;
 
 use super::{MapDocument, MapError};
 use crate::whole_file::write_whole;

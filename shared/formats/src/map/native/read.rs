@@ -83,7 +83,12 @@ pub enum NativeError {
 }
 
 impl NativeError {
-    pub(super) fn value(section: [u8; 4], field: &'static str, value: impl ToString, expected: &'static str) -> Self {
+    pub(in crate::map) fn value(
+        section: [u8; 4],
+        field: &'static str,
+        value: impl ToString,
+        expected: &'static str,
+    ) -> Self {
         Self::Value { section: escape(&section), field, value: value.to_string(), expected }
     }
 }
@@ -98,7 +103,7 @@ fn escape(bytes: &[u8]) -> String {
 /// # Errors
 /// When the bytes are cut, damaged, of a newer version, or no native map.
 pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
-    let mut cursor = Cursor { bytes, at: 0 };
+    let mut cursor = Cursor::new(bytes);
     if bytes.len() < MAGIC.len() && MAGIC.starts_with(bytes) {
         return Err(cursor.cut(MAGIC.len() - bytes.len(), "magic"));
     }
@@ -138,7 +143,7 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
 }
 
 fn grid_header(content: &[u8]) -> Result<(f64, u64, u64), NativeError> {
-    let mut cursor = Cursor { bytes: content, at: 0 };
+    let mut cursor = Cursor::new(content);
     let resolution_m = f64::from_le_bytes(cursor.array("resolution")?);
     if !(resolution_m.is_finite() && resolution_m > 0.0) {
         return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
@@ -158,7 +163,7 @@ fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError>
     if Some(content.len() as u64) != point_count.checked_mul(POINT_BYTES as u64) {
         return Err(NativeError::value(PATH, "length", content.len(), "40 bytes for each path point"));
     }
-    let mut cursor = Cursor { bytes: content, at: 0 };
+    let mut cursor = Cursor::new(content);
     let mut path = Vec::with_capacity(content.len() / POINT_BYTES);
     while cursor.at < content.len() {
         let stamp_ns = u64::from_le_bytes(cursor.array("stamp")?);
@@ -176,7 +181,7 @@ fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError>
 
 /// Metres in the cells.
 fn doubt(content: &[u8], resolution_m: f64) -> Result<Grid, NativeError> {
-    let mut cursor = Cursor { bytes: content, at: 0 };
+    let mut cursor = Cursor::new(content);
     let tile_count = u64::from_le_bytes(cursor.array("number of tiles")?);
     if tile_count > TILES_MAX {
         return Err(NativeError::value(DOUBT, "number of tiles", tile_count, "at most 262144"));
@@ -203,7 +208,7 @@ fn tiles(tag: [u8; 4], content: &[u8], tile_count: u64, grid: &mut Grid) -> Resu
         decoder
             .read_exact(&mut bytes)
             .map_err(|error| NativeError::value(tag, "compressed tiles", error, "as many tiles as are told"))?;
-        let mut cursor = Cursor { bytes: &bytes, at: 0 };
+        let mut cursor = Cursor::new(&bytes);
         let x = i32::from_le_bytes(cursor.array("tile")?);
         let y = i32::from_le_bytes(cursor.array("tile")?);
         let index = TileIndex { x, y };
@@ -229,12 +234,25 @@ fn tiles(tag: [u8; 4], content: &[u8], tile_count: u64, grid: &mut Grid) -> Resu
 }
 
 /// Takes bytes from the front.
-struct Cursor<'a> {
+pub(in crate::map) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Cursor<'a> {
+    pub(in crate::map) fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    pub(in crate::map) fn is_at_end(&self) -> bool {
+        self.at >= self.bytes.len()
+    }
+
+    /// What was not taken yet.
+    pub(in crate::map) fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.at..).unwrap_or_default()
+    }
+
     fn cut(&self, needed: usize, what: &'static str) -> NativeError {
         NativeError::Truncated { at: self.bytes.len() as u64, needed: needed as u64, what }
     }
@@ -246,7 +264,7 @@ impl<'a> Cursor<'a> {
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], NativeError> {
+    pub(in crate::map) fn array<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], NativeError> {
         let mut array = [0; N];
         array.copy_from_slice(self.take(N, what)?);
         Ok(array)
@@ -259,7 +277,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The content of the section that must come next.
-    fn section(&mut self, expected_tag: [u8; 4]) -> Result<&'a [u8], NativeError> {
+    pub(in crate::map) fn section(&mut self, expected_tag: [u8; 4]) -> Result<&'a [u8], NativeError> {
         let start = self.at;
         let tag: [u8; 4] = self.array("section tag")?;
         if tag != expected_tag {

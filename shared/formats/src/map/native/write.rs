@@ -95,7 +95,8 @@ fn tiles(tag: [u8; 4], grid: &Grid) -> Result<Vec<u8>, NativeError> {
     tiles.finish().map_err(|error| NativeError::value(tag, "tiles", error, "room in memory"))
 }
 
-fn section(file: &mut Vec<u8>, tag: [u8; 4], content: &[u8]) {
+/// Adds a section to a file.
+pub(in crate::map) fn section(file: &mut Vec<u8>, tag: [u8; 4], content: &[u8]) {
     let start = file.len();
     file.extend_from_slice(&tag);
     file.extend_from_slice(&(content.len() as u64).to_le_bytes());
