@@ -95,8 +95,8 @@ fn after(way_m: f64, transducer: u16) -> Result<Estimate> {
 }
 
 fn deviations(fusion: Fusion, estimate: &Estimate, resolution_m: f64) -> Deviations {
-    match fusion {
-        Fusion::Paper => {
+    match fusion.of(SensorKind::Sonar) {
+        Fusion::Auto | Fusion::Paper => {
             let noise = echogrid_core::noise::NoiseTerms::one_sigma(&estimate.errors);
             Deviations::of(RANGE_M, APERTURE_RAD, RANGE_ERROR_RATIO, resolution_m, &estimate.errors, noise)
         }

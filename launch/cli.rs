@@ -166,6 +166,26 @@ pub enum Command {
         #[arg(long, value_name = "FILE.png")]
         picture: Option<PathBuf>,
     },
+    /// Tells why a cell is occupied, free or unknown: the readings that made it so (of a map with mapper.keep_readings).
+    #[command(allow_negative_numbers = true)]
+    Why {
+        /// Metres, map frame.
+        x: f64,
+        /// Metres, map frame.
+        y: f64,
+        /// Native map; readings.echogrid lies beside it.
+        #[arg(default_value = "maps/map.echogrid")]
+        map: PathBuf,
+        /// The map of this running graph, which is saved for it.
+        #[arg(long, value_name = "NAME", conflicts_with = "map")]
+        domain: Option<String>,
+        /// The strongest so many readings [default: all].
+        #[arg(long, value_name = "N")]
+        limit: Option<usize>,
+        /// Prints the answer as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Makes the odometry error model of a robot, of trials or of a drive, and tells how far it can be trusted.
     #[command(after_help = CALIBRATE_HELP)]
     Calibrate(Calibrate),

@@ -7,10 +7,10 @@ use libfuzzer_sys::fuzz_target;
 fuzz_target!(|bytes: &[u8]| {
     let _ = decode(bytes);
     let mut file = MAGIC.to_vec();
-    file.extend(1_u32.to_le_bytes());
+    file.extend(2_u32.to_le_bytes());
     // Sections: a length of two bytes, then the content.
     let mut rest = bytes;
-    for tag in [b"GRID", b"PROV", b"PATH", b"TILE", b"END "] {
+    for tag in [b"GRID", b"PROV", b"PATH", b"TILE", b"doub", b"END "] {
         let Some((length, after)) = rest.split_at_checked(2) else { break };
         let length = usize::from(u16::from_le_bytes([length[0], length[1]])).min(after.len());
         let (content, after) = after.split_at(length);

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{GridMapper, Robot};
 use echogrid_formats::log::{self, LogSurvey, StampQuality};
+use echogrid_formats::map::readings::READINGS_FILE;
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::Source;
@@ -162,7 +163,7 @@ fn source(config: &Config) -> String {
 /// The files that a run wrote which started at `start`; older ones are of another run.
 fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
     let mut names = MapFiles::names(&config.publisher.map_files());
-    names.push(SONARS_FILE.to_owned());
+    names.extend([SONARS_FILE.to_owned(), READINGS_FILE.to_owned()]);
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
     names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }

@@ -11,6 +11,7 @@ mod score;
 mod service;
 mod talk;
 mod walls;
+mod why;
 
 use std::io::Write;
 use std::path::Path;
@@ -60,6 +61,10 @@ pub fn run(cli: Cli) -> ExitCode {
             score::run(&score::Request { map, world, path, points, json, picture })
         }
         Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
+        Some(Command::Why { x, y, map, domain, limit, json }) => {
+            let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
+            map.and_then(|map| why::run(&why::Request { at: [x, y], map, json, limit }))
+        }
         Some(Command::Calibrate(request)) => calibrate::run(&request),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })

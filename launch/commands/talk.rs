@@ -1,10 +1,12 @@
 //! Talking to a running graph: `echogrid save`, `echogrid status`.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_core::{Fix, Pose2};
+use echogrid_formats::map::MapFormat;
 use echogrid_service::Plan;
 use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Message, Participant, Received, ServiceState, Topic};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -20,7 +22,40 @@ const HEARD_WITHIN: Duration = Duration::from_secs(1);
 
 /// Has every publisher of a graph save its map.
 pub(super) fn save(domain: Option<&str>) -> Result<()> {
-    order(domain, ServiceKind::Publisher, Command::Save, SAVED_WITHIN)
+    order(domain, ServiceKind::Publisher, Command::Save, SAVED_WITHIN)?;
+    let (_, _, config) = running(domain, "echogrid save")?;
+    // After the map: what it is made of must be among them.
+    if config.mapper.keep_readings { order(domain, ServiceKind::Mapper, Command::Save, SAVED_WITHIN) } else { Ok(()) }
+}
+
+/// Has a graph save its map and the readings that it keeps; the native map. Nothing is printed.
+pub(super) fn saved_map(domain: Option<&str>) -> Result<PathBuf> {
+    let (domain, participant, config) = running(domain, "echogrid why")?;
+    ensure!(
+        config.mapper.keep_readings,
+        "graph {} keeps no readings; start it with --set mapper.keep_readings=true, and ask then",
+        domain.name()
+    );
+    ensure!(
+        config.publisher.formats.contains(&MapFormat::Echogrid),
+        "graph {} saves no native map; expected echogrid in publisher.formats",
+        domain.name()
+    );
+    for kind in [ServiceKind::Publisher, ServiceKind::Mapper] {
+        for (name, _) in config.services.iter().filter(|(_, service)| service.kind == kind) {
+            let done = echogrid_topics::control::order(&participant, name, Command::Save, SAVED_WITHIN)?;
+            done.map_err(|why| anyhow!("{name}: {why}"))?;
+        }
+    }
+    Ok(config.run.out.join("map.echogrid"))
+}
+
+/// A running graph, `name` as a participant of it, and its configuration.
+fn running(domain: Option<&str>, name: &str) -> Result<(Domain, Participant, config::Config)> {
+    let domain = choose(domain)?;
+    let participant = Participant::join(&domain, name)?;
+    let config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
+    Ok((domain, participant, config))
 }
 
 /// Has nothing mapped until told to resume.
@@ -47,9 +82,7 @@ pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64) -> Result<()
 
 /// Tells all services of a kind to do something, and prints what they say.
 fn order(domain: Option<&str>, kind: ServiceKind, command: Command, within: Duration) -> Result<()> {
-    let domain = choose(domain)?;
-    let participant = Participant::join(&domain, &format!("echogrid {}", command.word()))?;
-    let config: config::Config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
+    let (_, participant, config) = running(domain, &format!("echogrid {}", command.word()))?;
     for (name, _) in config.services.iter().filter(|(_, service)| service.kind == kind) {
         match echogrid_topics::control::order(&participant, name, command, within)? {
             Ok(done) => super::print(&format!("{name}: {done}\n"))?,

@@ -129,3 +129,33 @@ fn each_sonar_has_a_picture_on_demand() {
     };
     assert!(cells("asked") == cells("plain"));
 }
+
+#[test]
+fn the_doubt_of_each_cell_has_a_picture_on_demand() {
+    let drive = Drive::new(8.0);
+    drive.native_map("plain", &[]);
+    assert!(!drive.out("plain/doubt.png").exists());
+    let sets = ["--fix", "truth", "--fix-every", "3m", "--set", "mapper.remap=true", "--set", "mapper.doubt=true"];
+    let summary = summary(&drive.map("asked", &[&sets[..], &["--json", "--quiet"]].concat()));
+    let files: Vec<&str> = summary["files"].as_array().unwrap().iter().map(|file| file.as_str().unwrap()).collect();
+    assert!(["doubt.png", "doubt.npy"].iter().all(|name| files.iter().any(|file| file.ends_with(name))), "{files:?}");
+    drive.native_map("without", &sets[..6]);
+    let map = |out: &str| native::read(&drive.out(out).join("map.echogrid")).unwrap();
+    let cells = |grid: &Grid| grid.tiles().flat_map(|(_, tile)| tile.log_odds.map(f32::to_bits)).collect::<Vec<_>>();
+    let (asked, without) = (map("asked"), map("without"));
+    assert!(cells(&asked.grid) == cells(&without.grid) && without.doubt.is_none());
+    let doubt = asked.doubt.unwrap();
+    let metres: Vec<f32> =
+        doubt.tiles().flat_map(|(_, tile)| *tile.log_odds).filter(|metres| !metres.is_nan()).collect();
+    let most = metres.iter().copied().fold(0.0, f32::max);
+    assert!(metres.len() > 1000 && (0.001..1.0).contains(&most), "{} cells, up to {most} m", metres.len());
+    let sets = [
+        "localizer.source=truth",
+        "localization.ask=schedule",
+        "localization.every_m=3",
+        "mapper.remap=true",
+        "mapper.doubt=true",
+    ];
+    let in_processes = std::fs::read(drive.out("asked/map.echogrid")).unwrap();
+    assert!(crate::maps::in_one_process(&drive.log(), &drive.out("local"), &sets) == in_processes);
+}

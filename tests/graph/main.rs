@@ -19,3 +19,4 @@ mod simulator;
 mod support;
 mod talk;
 mod walls;
+mod why;

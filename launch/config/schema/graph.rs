@@ -330,6 +330,21 @@ static MAPPER: Section = Section {
         key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
         key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),
         key("sonar_maps", "true or false", "whether a map of each sonar is kept besides, and saved as sonars.png"),
+        key(
+            "doubt",
+            "true or false",
+            "whether it is kept, and saved as doubt.png, how much odometry error the evidence of each cell carried",
+        ),
+        key(
+            "keep_readings",
+            "true or false",
+            "whether readings are kept as they were fused, and saved as readings.echogrid: `echogrid why` asks them",
+        ),
+        key(
+            "keep_readings_max",
+            "a whole number from 1 to 10000000",
+            "the most readings that are kept for that, 80 bytes each; the oldest are given up",
+        ),
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,

@@ -3,9 +3,11 @@
 //! The mapper needs the pose at the stamp of each reading: it waits until estimates bracket it and
 //! interpolates. So the map depends on the data only, never on which process ran first.
 
+mod readings;
 mod trajectory;
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
@@ -16,6 +18,8 @@ use echogrid_core::{
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::wire::MAX_SENSORS;
 use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
+use readings::ReadingsFile;
+use serde::Deserialize;
 use trajectory::{Rectified, Trajectory};
 
 /// What it reads.
@@ -43,6 +47,12 @@ impl Scan {
     }
 }
 
+/// The part of `[run]` that the mapper needs.
+#[derive(Debug, Deserialize)]
+struct Run {
+    out: PathBuf,
+}
+
 /// The mapper service.
 #[derive(Debug)]
 pub struct MapperService {
@@ -60,6 +70,8 @@ pub struct MapperService {
     remapped: (u64, u64),
     /// Of each sonar, by its number.
     sonar_counts: Vec<VerdictCounts>,
+    /// None unless readings are kept, and somebody said where.
+    readings_file: Option<ReadingsFile>,
     /// By the user.
     paused: bool,
     scans: u64,
@@ -86,6 +98,7 @@ impl MapperService {
             counts: VerdictCounts::default(),
             remapped: (0, 0),
             sonar_counts: Vec::new(),
+            readings_file: None,
             paused: false,
             scans: 0,
             revision: 0,
@@ -100,7 +113,22 @@ impl MapperService {
     /// # Errors
     /// A section is missing or wrong.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
-        Self::new(&plan.section("mapper")?, &plan.section("odometry")?)
+        let run: Run = plan.section("run")?;
+        Ok(Self::new(&plan.section("mapper")?, &plan.section("odometry")?)?.saving_readings_in(run.out))
+    }
+
+    /// Saves the readings that it keeps in this folder, at the end and on demand; if `mapper.keep_readings` is set.
+    #[must_use]
+    pub fn saving_readings_in(mut self, folder: PathBuf) -> Self {
+        self.readings_file = self.config.keep_readings.then(|| ReadingsFile::new(folder));
+        self
+    }
+
+    /// The file; none unless readings are kept, or when there is no robot yet.
+    fn save_readings(&self) -> Result<Option<PathBuf>> {
+        let kept = self.mapper.as_ref().and_then(GridMapper::kept_readings);
+        let Some((file, kept)) = self.readings_file.as_ref().zip(kept) else { return Ok(None) };
+        file.write(&self.config, kept).map(Some)
     }
 
     /// Integrates every waiting scan whose poses are known by now.
@@ -145,6 +173,9 @@ impl MapperService {
                 (held, (*reading, estimate.map(|(estimate, _)| estimate)))
             })
             .unzip();
+        if let Some(file) = &mut self.readings_file {
+            file.begin_scan(scan.sequence, scan.stamp_ns);
+        }
         // What is held is not judged either: where the robot was then is hardly known.
         let judged: Vec<_> =
             scanned.iter().zip(&held).filter(|(_, held)| !**held).map(|(scanned, _)| *scanned).collect();
@@ -183,6 +214,10 @@ impl MapperService {
         for index in dirty {
             let Some(tile) = mapper.grid().tile(index) else { continue };
             out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
+            if let Some(doubt) = mapper.doubt().and_then(|doubt| doubt.tile(index)) {
+                let doubt = Tile { revision: tile.revision, log_odds: doubt.log_odds.clone() };
+                out.send(self.stamp_ns, update(Layer::Doubt, index, &doubt, self.config.resolution_m));
+            }
         }
         for (sonar, index) in mapper.take_dirty_of_sonars() {
             let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };
@@ -239,6 +274,9 @@ impl Service for MapperService {
                     let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
                     let sonars: usize = sonars.map(|sensor| usize::from(sensor.transducers)).sum();
                     self.sonar_counts = vec![VerdictCounts::default(); sonars.min(MAX_SENSORS)];
+                    if let Some(file) = &mut self.readings_file {
+                        file.set_robot(robot.clone());
+                    }
                     self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
                 }
             }
@@ -259,6 +297,7 @@ impl Service for MapperService {
                 self.rectify(u64::MAX, self.revision.saturating_add(1));
                 self.publish_tiles(out);
                 self.publish_info(out, true);
+                self.save_readings()?;
             }
         }
         Ok(())
@@ -267,6 +306,11 @@ impl Service for MapperService {
     fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {
         let (paused, done, already) = match command {
             Command::Pause => (true, "mapping pauses", "mapping was paused already"),
+            Command::Save => {
+                let saved =
+                    self.save_readings()?.context("there are no readings to save (mapper.keep_readings keeps them)")?;
+                return Ok(format!("saved {}", saved.display()));
+            }
             Command::Resume => (false, "mapping goes on", "mapping was not paused"),
             _ => bail!("this service has nothing to {}", command.word()),
         };

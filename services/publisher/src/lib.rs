@@ -41,6 +41,8 @@ pub struct PublisherService {
     provenance: Provenance,
     /// None until the first tile tells the resolution.
     grid: Option<Grid>,
+    /// None unless the mapper keeps it; metres in the cells.
+    doubt: Option<Grid>,
     /// Empty unless the mapper keeps a map of each sonar.
     sonars: SonarSheet,
     path: Vec<PathPoint>,
@@ -57,7 +59,17 @@ impl PublisherService {
     pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
         config.validate().context("[publisher]")?;
         let sonars = SonarSheet::default();
-        Ok(Self { config, out, provenance, grid: None, sonars, path: Vec::new(), latest: None, written: Vec::new() })
+        Ok(Self {
+            config,
+            out,
+            provenance,
+            grid: None,
+            doubt: None,
+            sonars,
+            path: Vec::new(),
+            latest: None,
+            written: Vec::new(),
+        })
     }
 
     /// From the plan of a run.
@@ -92,7 +104,8 @@ impl PublisherService {
         };
         let mut path = self.path.clone();
         path.extend(self.latest);
-        let document = MapDocument { grid: grid.clone(), path, provenance: self.provenance.clone() };
+        let document =
+            MapDocument { grid: grid.clone(), doubt: self.doubt.clone(), path, provenance: self.provenance.clone() };
         self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
@@ -121,6 +134,7 @@ impl Service for PublisherService {
                 let tile = Tile { revision, log_odds };
                 match layer {
                     Layer::Map => *self.grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
+                    Layer::Doubt => *self.doubt.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
                     Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
                 }
             }

@@ -284,6 +284,12 @@ pub struct MapperConfig {
     pub bubble_tolerance_m: f64,
     /// Whether a map of each sonar is kept besides.
     pub sonar_maps: bool,
+    /// Whether it is kept how much odometry error the evidence of each cell carried.
+    pub doubt: bool,
+    /// Whether readings are kept as they were fused, so that it can be told why a cell is what it is ([`crate::why`]).
+    pub keep_readings: bool,
+    /// The most readings that are kept for that, of 80 bytes each.
+    pub keep_readings_max: u32,
 }
 
 impl Default for MapperConfig {
@@ -314,6 +320,9 @@ impl Default for MapperConfig {
             lone_tolerance_m: 0.15,
             bubble_tolerance_m: 0.05,
             sonar_maps: false,
+            doubt: false,
+            keep_readings: false,
+            keep_readings_max: 1_000_000,
         }
     }
 }
@@ -381,6 +390,12 @@ impl MapperConfig {
         probability("echo_clutter", self.echo_clutter)?;
         probability("echo_lost", self.echo_lost)?;
         ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")?;
+        ConfigError::unless(
+            (1..=10_000_000).contains(&self.keep_readings_max),
+            "keep_readings_max",
+            self.keep_readings_max,
+            "a whole number from 1 to 10000000",
+        )?;
         ConfigError::unless(
             (4..=10_000_000).contains(&self.remap_readings_max),
             "remap_readings_max",
@@ -491,6 +506,7 @@ mod tests {
         assert_eq!(mapper_key(|c| c.min_trust = 1.1), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
+        assert_eq!(mapper_key(|c| c.keep_readings_max = 0), Some("keep_readings_max"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));
         assert_eq!(mapper_key(|c| c.filters.push(Filter::Range)), Some("filters"));
         assert_eq!(mapper_key(|c| c.filters.clear()), None);

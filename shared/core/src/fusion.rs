@@ -8,6 +8,7 @@ use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
 use crate::novelty::Novelty;
 use crate::odometry::Estimate;
+use crate::pose::Pose2;
 use crate::robot::Transducer;
 use crate::sensor_model::{BAND, Cone, Deviations};
 use crate::verdict::Verdict;
@@ -25,6 +26,23 @@ pub(crate) struct Sounding<'a> {
     pub(crate) estimate: &'a Estimate,
     /// How much of it is new, if that was told when it was fused before.
     pub(crate) news: Option<f64>,
+}
+
+impl Sounding<'_> {
+    fn map_from_transducer(&self) -> Pose2 {
+        self.estimate.pose * self.sensor.base_from_transducer
+    }
+}
+
+/// How much a reading says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Weighed {
+    /// Eqs 22, 23.
+    pub(crate) deviations: Deviations,
+    /// How much of it is new, in (0, 1].
+    pub(crate) news: f64,
+    /// √(σ_z² − σ_z0²): the part of the deviation that the odometry is to blame for, metres.
+    pub(crate) doubt_m: f64,
 }
 
 /// Fuses readings into a grid by the rule of the configuration.
@@ -50,7 +68,7 @@ impl Fuser {
         }
     }
 
-    /// Every cell of the cone of a reading (eq 20); how much of the reading was new, in (0, 1].
+    /// Every cell of the cone of a reading (eq 20); how much it said.
     ///
     /// # Errors
     /// The verdict, where it is not trusted or leaves the map; nothing is changed then.
@@ -59,18 +77,36 @@ impl Fuser {
         grid: &mut Grid,
         dirty: &mut DirtyTiles,
         sounding: &Sounding<'_>,
-    ) -> Result<f64, Verdict> {
-        let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
+    ) -> Result<Weighed, Verdict> {
         // How far to trust it (eqs 22, 23)
         let deviations = self.deviations(sounding);
         // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
         if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
             return Err(Verdict::Untrusted);
         }
-        let map_from_transducer = estimate.pose * sensor.base_from_transducer;
-        let of_now = || self.novelty.of(transducer, map_from_transducer, self.config.novelty_m);
+        let map_from_transducer = sounding.map_from_transducer();
+        let of_now = || self.novelty.of(sounding.transducer, map_from_transducer, self.config.novelty_m);
         let news = sounding.news.unwrap_or_else(of_now);
-        let added = match self.config.fusion.of(sensor.kind) {
+        self.apply(grid, dirty, sounding, deviations, news)?;
+        let sigma_z0_m = self.sigma_z0_m(sounding);
+        let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
+        Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt() })
+    }
+
+    /// What a reading of these deviations, so much of which is new, says of every cell of its cone.
+    ///
+    /// # Errors
+    /// The verdict, where it leaves the map; nothing is changed then.
+    pub(crate) fn apply(
+        &mut self,
+        grid: &mut Grid,
+        dirty: &mut DirtyTiles,
+        sounding: &Sounding<'_>,
+        deviations: Deviations,
+        news: f64,
+    ) -> Result<(), Verdict> {
+        let (map_from_transducer, sequence) = (sounding.map_from_transducer(), sounding.sequence);
+        let added = match self.config.fusion.of(sounding.sensor.kind) {
             Fusion::Auto | Fusion::Paper | Fusion::Covariance => {
                 let cone = self.cone(sounding, deviations, news);
                 self.kernel.add(grid, dirty, map_from_transducer, &cone, sequence)
@@ -80,10 +116,16 @@ impl Fuser {
                 self.first_echo.add(grid, dirty, map_from_transducer, &cone, sequence)
             }
         };
-        added.map(|()| news).map_err(|_| Verdict::OffMap)
+        added.map_err(|_| Verdict::OffMap)
     }
 
-    fn deviations(&self, sounding: &Sounding<'_>) -> Deviations {
+    /// σ_z without odometry error, metres.
+    fn sigma_z0_m(&self, sounding: &Sounding<'_>) -> f64 {
+        let range_m = sounding.range_m.unwrap_or(sounding.sensor.range_max_m);
+        (sounding.sensor.range_error_ratio * range_m).max(0.5 * self.config.resolution_m)
+    }
+
+    pub(crate) fn deviations(&self, sounding: &Sounding<'_>) -> Deviations {
         let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
         let (aperture_rad, ratio, resolution_m) =
             (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
@@ -117,10 +159,9 @@ impl Fuser {
     }
 
     fn echo_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> EchoCone {
-        let Transducer { aperture_rad, range_max_m: range_cap_m, range_error_ratio, .. } = *sounding.sensor;
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
         let Deviations { sigma_z_m, sigma_theta_rad, .. } = deviations;
-        let sigma_z0_m =
-            (range_error_ratio * sounding.range_m.unwrap_or(range_cap_m)).max(0.5 * self.config.resolution_m);
+        let sigma_z0_m = self.sigma_z0_m(sounding);
         EchoCone {
             reading: FirstEcho {
                 range_m: sounding.range_m,
@@ -141,7 +182,6 @@ impl Fuser {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pose::Pose2;
     use crate::robot::SensorKind;
 
     #[test]

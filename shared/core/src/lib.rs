@@ -8,6 +8,7 @@
 pub mod angle;
 pub mod calibration;
 pub mod config;
+mod doubt;
 mod filter;
 pub mod first_echo;
 mod fusion;
@@ -15,6 +16,7 @@ pub mod gate;
 pub mod grid;
 pub mod joint;
 mod kalman;
+pub mod kept;
 pub mod kernel;
 pub mod landmarks;
 pub mod localization;
@@ -36,6 +38,7 @@ mod sonar_maps;
 pub mod summary;
 pub mod verdict;
 pub mod walls;
+pub mod why;
 pub mod world;
 
 pub use angle::wrap_angle;

@@ -1,9 +1,11 @@
 //! Algorithm 1: occupancy grid mapping.
 
 use crate::config::{ConfigError, MapperConfig, NoEcho, Noise};
+use crate::doubt::Doubt;
 use crate::filter::{Chain, Channel, channels, range_of};
-use crate::fusion::{Fuser, Sounding};
+use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
+use crate::kept::{KeptReading, KeptReadings};
 use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::remap::Journal;
@@ -24,6 +26,10 @@ pub struct GridMapper {
     pub(crate) journal: Option<Journal>,
     /// None: not asked for.
     sonar_maps: Option<SonarMaps>,
+    /// None: not asked for.
+    pub(crate) doubt: Option<Doubt>,
+    /// None: not asked for.
+    pub(crate) kept: Option<KeptReadings>,
 }
 
 impl GridMapper {
@@ -36,13 +42,16 @@ impl GridMapper {
         mapper.validate()?;
         let channels = channels(mapper, &robot)?;
         let mut grid = Grid::new(mapper.resolution_m);
+        let mut doubt = mapper.doubt.then(|| Doubt::new(mapper.resolution_m, mapper.log_odds_prior));
         Ok(Self {
             config: mapper.clone(),
             chain: Chain::new(mapper, &channels),
             channels,
             fuser: Fuser::new(mapper, noise, seed),
-            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid)),
+            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid, doubt.as_mut())),
             grid,
+            doubt,
+            kept: mapper.keep_readings.then(|| KeptReadings::new(mapper.keep_readings_max as usize)),
             dirty: DirtyTiles::default(),
             sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
         })
@@ -52,6 +61,21 @@ impl GridMapper {
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
+    }
+
+    /// How much odometry error the evidence of each cell carried, metres: the mean of √(σ_z² − σ_z0²) of its readings, weighted by
+    /// how far each moved the cell's log-odds. It changes in the tiles that the map changes in (their revision is the map's). None
+    /// unless `doubt` is set.
+    #[must_use]
+    pub fn doubt(&self) -> Option<&Grid> {
+        self.doubt.as_ref().map(Doubt::means)
+    }
+
+    /// The readings as they were fused last, with those that were refused though they told a range. None unless `keep_readings` is
+    /// set.
+    #[must_use]
+    pub fn kept_readings(&self) -> Option<&KeptReadings> {
+        self.kept.as_ref()
     }
 
     /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
@@ -103,7 +127,7 @@ impl GridMapper {
         refusal: Option<Verdict>,
     ) -> Verdict {
         if let Some(journal) = &mut self.journal {
-            journal.make_room(&mut self.grid);
+            journal.make_room(&mut self.grid, self.doubt.as_mut());
         }
         let fused = match refusal {
             Some(Verdict::NoEcho) if self.clears(reading) => self.fuse(sequence, reading, estimate, None),
@@ -111,7 +135,14 @@ impl GridMapper {
             None => self.fuse(sequence, reading, estimate, None),
         };
         if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
-            journal.keep(sequence, reading, estimate, fused);
+            let place = self.kept.as_ref().map_or(0, KeptReadings::next_place);
+            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news), place);
+        }
+        if self.kept.is_some() {
+            let kept = estimate.and_then(|estimate| self.as_kept(sequence, reading, estimate, fused));
+            if let Some((all, kept)) = self.kept.as_mut().zip(kept) {
+                all.push(kept);
+            }
         }
         if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
             self.add_to_sonar_map(sequence, reading, estimate, fused);
@@ -130,10 +161,10 @@ impl GridMapper {
         sequence: u64,
         reading: &Reading,
         estimate: Option<&Estimate>,
-        fused: Result<f64, Verdict>,
+        fused: Result<Weighed, Verdict>,
     ) {
         let news = match fused {
-            Ok(news) => news,
+            Ok(Weighed { news, .. }) => news,
             Err(Verdict::NotSelected | Verdict::Stuck | Verdict::Lone | Verdict::MultipleReflection) => 1.0,
             Err(_) => return,
         };
@@ -160,7 +191,7 @@ impl GridMapper {
         reading: &Reading,
         estimate: Option<&Estimate>,
         news: Option<f64>,
-    ) -> Result<f64, Verdict> {
+    ) -> Result<Weighed, Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
         let range_m = match range_of(reading.echo) {
@@ -172,7 +203,41 @@ impl GridMapper {
         // How far to trust it, and what it says of every cell of its cone
         let (transducer, sensor) = (reading.transducer, &channel.transducer);
         let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news };
-        self.fuser.add(&mut self.grid, &mut self.dirty, &sounding)
+        let Some(doubt) = &mut self.doubt else { return self.fuser.add(&mut self.grid, &mut self.dirty, &sounding) };
+        let mut touched = DirtyTiles::default();
+        let weighed = self.fuser.add(&mut self.grid, &mut touched, &sounding)?;
+        for index in touched.take() {
+            if let Some(tile) = self.grid.tile(index) {
+                doubt.gather(index, tile, weighed.doubt_m);
+            }
+            self.dirty.insert(index);
+        }
+        Ok(weighed)
+    }
+
+    /// A reading as it was fused, or as it would have been if it was refused for what it tells.
+    pub(crate) fn as_kept(
+        &self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: &Estimate,
+        fused: Result<Weighed, Verdict>,
+    ) -> Option<KeptReading> {
+        let (pose, reading) = (estimate.pose, *reading);
+        match fused {
+            Ok(Weighed { deviations, news, .. }) => {
+                Some(KeptReading { sequence, reading, pose, deviations, news, verdict: Verdict::Accepted })
+            }
+            Err(Verdict::Accepted | Verdict::Invalid | Verdict::NoEcho | Verdict::NoPose | Verdict::Held) => None,
+            Err(verdict) => {
+                let channel = self.channel(reading.transducer).filter(|_| pose.is_finite())?;
+                let (transducer, sensor) = (reading.transducer, &channel.transducer);
+                let range_m = range_of(reading.echo).ok();
+                let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news: None };
+                let deviations = self.fuser.deviations(&sounding);
+                Some(KeptReading { sequence, reading, pose, deviations, news: 0.0, verdict })
+            }
+        }
     }
 
     fn channel(&self, transducer: u16) -> Option<Channel> {

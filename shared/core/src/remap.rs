@@ -4,9 +4,10 @@
 //! tiles as they were. They are saved the first time that they change; the readings since are kept. Both are kept in layers,
 //! of which the oldest is given up when there are too many readings: its evidence stays as it is.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
-use crate::grid::{Grid, Tile, TileIndex};
+use crate::doubt::{Doubt, SavedDoubt, SavedTiles, elder_first};
+use crate::grid::Grid;
 use crate::mapping::GridMapper;
 use crate::odometry::Estimate;
 use crate::reading::Reading;
@@ -36,12 +37,40 @@ struct Kept {
     fused: Result<f64, Verdict>,
     /// Its estimate, of those of the layer.
     at: usize,
+    /// Its place among the kept readings, if these are kept.
+    place: u64,
+}
+
+/// Map and doubt as they had been.
+#[derive(Debug, Clone, Default)]
+struct Saved {
+    map: SavedTiles,
+    doubt: SavedDoubt,
+}
+
+impl Saved {
+    fn begin(grid: &mut Grid, doubt: Option<&mut Doubt>) {
+        grid.save_changes();
+        if let Some(doubt) = doubt {
+            doubt.save_changes();
+        }
+    }
+
+    fn take(grid: &mut Grid, doubt: Option<&mut Doubt>) -> Self {
+        Self { map: grid.take_saved(), doubt: doubt.map(Doubt::take_saved).unwrap_or_default() }
+    }
+
+    /// With what a younger layer changed.
+    fn or(mut self, younger: Self) -> Self {
+        elder_first(&mut self.map, younger.map);
+        Self { map: self.map, doubt: self.doubt.or(younger.doubt) }
+    }
 }
 
 #[derive(Debug, Clone, Default)]
 struct Layer {
-    /// Where each tile that this layer changed had been before; none: nowhere.
-    saved: BTreeMap<TileIndex, Option<Tile>>,
+    /// What this layer changed, as it had been before.
+    saved: Saved,
     /// Readings of one moment share their estimate.
     estimates: Vec<Estimate>,
     readings: Vec<Kept>,
@@ -59,18 +88,18 @@ pub(crate) struct Journal {
 
 impl Journal {
     /// Of at most so many readings in `grid`.
-    pub(crate) fn new(readings_max: usize, grid: &mut Grid) -> Self {
-        grid.save_changes();
+    pub(crate) fn new(readings_max: usize, grid: &mut Grid, doubt: Option<&mut Doubt>) -> Self {
+        Saved::begin(grid, doubt);
         Self { readings_max, layers: VecDeque::from([Layer::default()]), left: 0 }
     }
 
     /// Before one more reading is fused.
-    pub(crate) fn make_room(&mut self, grid: &mut Grid) {
+    pub(crate) fn make_room(&mut self, grid: &mut Grid, mut doubt: Option<&mut Doubt>) {
         let full = |layer: &Layer| layer.readings.len() >= (self.readings_max / LAYERS).max(1);
         if let Some(last) = self.layers.back_mut().filter(|layer| full(layer)) {
-            last.saved = grid.take_saved();
+            last.saved = Saved::take(grid, doubt.as_deref_mut());
             self.layers.push_back(Layer::default());
-            grid.save_changes();
+            Saved::begin(grid, doubt);
         }
         let kept = |layers: &VecDeque<Layer>| layers.iter().map(|layer| layer.readings.len()).sum::<usize>();
         while self.layers.len() > 1 && kept(&self.layers) >= self.readings_max {
@@ -80,14 +109,21 @@ impl Journal {
     }
 
     /// After it was: what may be told better by the next fix.
-    pub(crate) fn keep(&mut self, sequence: u64, reading: &Reading, estimate: &Estimate, fused: Result<f64, Verdict>) {
+    pub(crate) fn keep(
+        &mut self,
+        sequence: u64,
+        reading: &Reading,
+        estimate: &Estimate,
+        fused: Result<f64, Verdict>,
+        place: u64,
+    ) {
         let Some(layer) = self.layers.back_mut() else { return };
         if matches!(fused, Ok(_) | Err(Verdict::Untrusted)) {
             if layer.estimates.last() != Some(estimate) {
                 layer.estimates.push(*estimate);
             }
             let at = layer.estimates.len() - 1;
-            layer.readings.push(Kept { sequence, reading: *reading, fused, at });
+            layer.readings.push(Kept { sequence, reading: *reading, fused, at, place });
         }
     }
 }
@@ -113,7 +149,7 @@ impl GridMapper {
         let Some(mut journal) = self.journal.take() else { return Remapped::default() };
         let mut remapped = Remapped { left: journal.left, ..Remapped::default() };
         let kept: usize = journal.layers.iter().map(|layer| layer.readings.len()).sum();
-        let saved = self.grid.take_saved();
+        let saved = Saved::take(&mut self.grid, self.doubt.as_mut());
         if let Some(last) = journal.layers.back_mut() {
             last.saved = saved;
         }
@@ -123,27 +159,32 @@ impl GridMapper {
         } else {
             remapped.left += kept as u64;
         }
-        self.journal = Some(Journal::new(journal.readings_max, &mut self.grid));
+        self.journal = Some(Journal::new(journal.readings_max, &mut self.grid, self.doubt.as_mut()));
         remapped
     }
 
     fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(Verdict, Verdict)>) {
         let unpublished = self.dirty.take();
-        let (mut tiles, mut readings) = (BTreeMap::new(), Vec::new());
+        let (mut saved, mut readings) = (Saved::default(), Vec::new());
         for layer in layers {
-            // Of a tile that two layers changed the elder knows how it was before both.
-            for (index, tile) in layer.saved {
-                tiles.entry(index).or_insert(tile);
-            }
+            saved = saved.or(layer.saved);
             readings.push((layer.estimates, layer.readings));
         }
-        for (index, tile) in tiles {
+        for (index, tile) in saved.map {
             *self.grid.tile_mut(index) = tile.unwrap_or_default();
             self.dirty.insert(index);
         }
+        if let Some(doubt) = &mut self.doubt {
+            doubt.restore(saved.doubt, &self.grid);
+        }
         for (estimates, readings) in readings {
-            for Kept { sequence, reading, fused, at } in readings {
+            for Kept { sequence, reading, fused, at, place } in readings {
                 let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok());
+                let kept = self.kept.is_some().then(|| self.as_kept(sequence, &reading, estimates.get(at)?, now));
+                if let Some((all, kept)) = self.kept.as_mut().zip(kept.flatten()) {
+                    all.replace(place, kept);
+                }
+                let now = now.map(|weighed| weighed.news);
                 let verdict = |fused: Result<f64, Verdict>| fused.err().unwrap_or(Verdict::Accepted);
                 if verdict(now) != verdict(fused) {
                     verdicts.push((verdict(fused), verdict(now)));
@@ -160,9 +201,12 @@ impl GridMapper {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::config::{Fusion, MapperConfig, Noise, OdometryConfig};
     use crate::gate::Gate;
+    use crate::grid::{Tile, TileIndex};
     use crate::localization::Fix;
     use crate::odometry::Odometry;
     use crate::pose::Pose2;
@@ -170,7 +214,7 @@ mod tests {
     use crate::robot::{Robot, Sensor, SensorKind};
     use crate::verdict::VerdictCounts;
 
-    fn mapper(config: &MapperConfig) -> GridMapper {
+    fn robot() -> Robot {
         let sensor = Sensor {
             kind: SensorKind::Sonar,
             base_from_sensor: Pose2::new(0.2, 0.0, 1.0),
@@ -183,8 +227,11 @@ mod tests {
             range_max_m: 5.0,
             range_error_ratio: 0.01,
         };
-        let robot = Robot { sensors: vec![sensor], ..Robot::default() };
-        GridMapper::new(config, Noise::Sampled, 7, robot).unwrap()
+        Robot { sensors: vec![sensor], ..Robot::default() }
+    }
+
+    fn mapper(config: &MapperConfig) -> GridMapper {
+        GridMapper::new(config, Noise::Sampled, 7, robot()).unwrap()
     }
 
     fn config(remap: bool) -> MapperConfig {
@@ -243,6 +290,98 @@ mod tests {
             told.verdicts.iter().for_each(|(before, now)| counts.change(*before, *now));
             assert_eq!(counts, in_hindsight);
             assert!(fusion == Fusion::Covariance || !told.verdicts.is_empty(), "nothing had a second chance");
+        }
+    }
+
+    #[test]
+    fn the_doubt_is_that_of_hindsight_and_the_map_none_the_worse() {
+        let (way, after) = way();
+        let smoothed = smooth(&way, &way[80], &after).unwrap();
+        let means = |mapper: &GridMapper| -> Vec<(TileIndex, usize, u32)> {
+            let cells = |(index, tile): (TileIndex, &Tile)| {
+                let known = tile.log_odds.iter().enumerate().filter(|(_, value)| !value.is_nan());
+                known.map(|(cell, value)| (index, cell, value.to_bits())).collect::<Vec<_>>()
+            };
+            mapper.doubt().unwrap().tiles().flat_map(cells).collect()
+        };
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            // Several layers, too.
+            let config = MapperConfig { fusion, doubt: true, remap_readings_max: 400, ..config(true) };
+            let elsewhere = vec![Estimate::certain(Pose2::new(2.0, 0.5, 3.0)); 5];
+            let mut remapped = mapper(&config);
+            give(&mut remapped, 1, &elsewhere);
+            let anew = Estimate { fixes: 1, ..elsewhere[0] };
+            remapped.rectify(6, &elsewhere[4], &anew);
+            give(&mut remapped, 6, &way);
+            let mut expected = mapper(&MapperConfig { remap: false, ..config.clone() });
+            give(&mut expected, 1, &elsewhere);
+            give(&mut expected, 6, &smoothed);
+            assert_ne!(means(&remapped), means(&expected));
+            assert_eq!(remapped.rectify(1000, &way[80], &after).readings, 162);
+            assert!(means(&remapped) == means(&expected) && !means(&expected).is_empty(), "{fusion:?}");
+            let mut without = mapper(&MapperConfig { doubt: false, ..config });
+            give(&mut without, 1, &elsewhere);
+            without.rectify(6, &elsewhere[4], &anew);
+            give(&mut without, 6, &way);
+            without.rectify(1000, &way[80], &after);
+            assert!(cells(&without) == cells(&remapped) && without.doubt().is_none());
+        }
+    }
+
+    #[test]
+    fn a_constant_doubt_is_that_constant() {
+        for fusion in [Fusion::Covariance, Fusion::FirstEcho] {
+            let mut mapper = mapper(&MapperConfig { fusion, doubt: true, min_trust: 0.0, ..config(false) });
+            let mut estimate = Estimate::certain(Pose2::new(2.0, 0.5, 3.0));
+            (estimate.covariance[(0, 0)], estimate.covariance[(1, 1)]) = (0.01, 0.01);
+            let way: Vec<Estimate> =
+                (0..30).map(|n| Estimate { pose: Pose2::new(0.1 * f64::from(n), 0.5, 3.0), ..estimate }).collect();
+            give(&mut mapper, 1, &way);
+            let doubt = mapper.doubt().unwrap();
+            let cells = doubt.tiles().flat_map(|(_, tile)| tile.log_odds.iter()).filter(|value| !value.is_nan());
+            let (count, wrong) =
+                cells.fold((0, 0), |(n, wrong), value| (n + 1, wrong + u32::from((value - 0.1).abs() > 1e-6)));
+            assert!(count > 500 && wrong == 0, "{fusion:?}: {wrong} of {count}");
+        }
+    }
+
+    /// Replayed, the kept readings come to every cell of the map, whatever fused them, and after a fix.
+    #[test]
+    fn the_kept_readings_tell_why() {
+        let (way, after) = way();
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            let config = MapperConfig { fusion, keep_readings: true, novelty_m: 0.3, ..config(true) };
+            let mut mapper = mapper(&config);
+            let check = |mapper: &GridMapper| {
+                let kept = mapper.kept_readings().unwrap();
+                assert_eq!((kept.iter().len(), kept.given_up()), (162, 0));
+                let all = cells(mapper);
+                let mut moved = 0;
+                for (index, offset, bits) in all.iter().step_by(all.len() / 7) {
+                    let first = index.first_cell();
+                    let (i, j) = (first.i + (offset % 64) as i32, first.j + (offset / 64) as i32);
+                    let place = mapper.grid().centre(crate::grid::CellIndex { i, j });
+                    let why = crate::why::why(&config, &robot(), kept.iter(), place).unwrap();
+                    assert_eq!(why.log_odds.map(f32::to_bits), Some(*bits), "{fusion:?} at {place:?}");
+                    // Each begins where the last one ended.
+                    let mut log_odds = None;
+                    for said in &why.said {
+                        assert_eq!(said.before, log_odds);
+                        let is_moved = said.after.map(f32::to_bits) != said.before.map(f32::to_bits);
+                        assert_eq!(said.kept.verdict == Verdict::Accepted, is_moved);
+                        log_odds = said.after;
+                        moved += 1;
+                    }
+                    assert_eq!(log_odds, why.log_odds);
+                }
+                assert!(moved > 20, "{moved}");
+            };
+            give(&mut mapper, 1, &way);
+            check(&mapper);
+            assert_eq!(mapper.rectify(1000, &way[80], &after).readings, 162);
+            check(&mapper);
+            let nowhere = crate::why::why(&config, &robot(), mapper.kept_readings().unwrap().iter(), [-50.0, 9.0]);
+            assert_eq!(nowhere.unwrap(), crate::why::Why { log_odds: None, said: Vec::new() });
         }
     }
 

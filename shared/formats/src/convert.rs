@@ -178,6 +178,9 @@ fn extension(path: &Path) -> String {
 fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
     let document = native::read(input)?;
     let mut report = ConvertReport { input: Input::NativeMap.name().into(), written: Vec::new(), lost: Vec::new() };
+    if document.doubt.is_some() && extension != "echogrid" {
+        report.lost.push("the doubt of each cell".into());
+    }
     match extension {
         "echogrid" => {
             native::write(output, &document)?;
@@ -303,7 +306,7 @@ mod tests {
         }
         let path = vec![PathPoint { stamp_ns: 1, pose: Pose2::IDENTITY, trust: 1.0 }];
         let file = folder.join("m.echogrid");
-        native::write(&file, &MapDocument { grid, path, provenance: Provenance::default() }).unwrap();
+        native::write(&file, &MapDocument { grid, doubt: None, path, provenance: Provenance::default() }).unwrap();
         file
     }
 

@@ -29,9 +29,10 @@ const HOLD: u32 = 2;
 const FINISHED: u32 = 1;
 const MAP_DEGRADED: u32 = 2;
 const MAP_HELD: u32 = 4;
-/// Layers of tiles; 2 is kept for doubt.
+/// Layers of tiles.
 const LAYER_MAP: u16 = 0;
 const LAYER_SONAR: u16 = 1;
+const LAYER_DOUBT: u16 = 2;
 /// What is known in a fix.
 const POSITION: u32 = 1;
 const HEADING: u32 = 2;
@@ -117,6 +118,8 @@ pub enum Layer {
     Map,
     /// What one sonar alone says: its number.
     Sonar(u16),
+    /// How much odometry error the evidence of each cell carried, metres instead of log-odds.
+    Doubt,
 }
 
 /// One tile of the map, whole.
@@ -130,7 +133,7 @@ pub struct TileUpdate {
     pub revision: u64,
     /// Side of a cell, metres.
     pub resolution_m: f64,
-    /// Log-odds, row by row; NaN is unknown.
+    /// Log-odds (of the doubt: metres, 0 or more), row by row; NaN is unknown.
     pub log_odds: Box<[f32; TILE_CELLS]>,
 }
 
@@ -604,6 +607,7 @@ impl From<&TileUpdate> for TileWire {
         let (layer, sonar) = match tile.layer {
             Layer::Map => (LAYER_MAP, 0),
             Layer::Sonar(number) => (LAYER_SONAR, number),
+            Layer::Doubt => (LAYER_DOUBT, 0),
         };
         Self {
             layer,
@@ -632,10 +636,14 @@ impl TryFrom<&TileWire> for TileUpdate {
         let layer = match wire.layer {
             LAYER_MAP => Layer::Map,
             LAYER_SONAR => Layer::Sonar(wire.sonar),
+            LAYER_DOUBT => Layer::Doubt,
             other => {
-                return Err(Fault { field: "layer", value: other.to_string(), expected: "0 map or 1 sonar" });
+                return Err(Fault { field: "layer", value: other.to_string(), expected: "0 map, 1 sonar or 2 doubt" });
             }
         };
+        if let Some(value) = wire.log_odds.iter().find(|value| layer == Layer::Doubt && **value < 0.0) {
+            check(false, "log_odds", value, "metres, 0 or more, where the layer is doubt")?;
+        }
         Ok(Self {
             layer,
             index: TileIndex { x: wire.tile_x, y: wire.tile_y },

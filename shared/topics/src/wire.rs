@@ -222,13 +222,13 @@ wire! {
         revision: u64,
         /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
         resolution_m: f64,
-        /// 0 the map; 1 the map of one sonar. (2 is kept for doubt.)
+        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds.
         layer: u16,
         /// Number of the sonar, where the layer is one's; else 0.
         sonar: u16,
         /// Zero.
         reserved: u32,
-        /// ln(p/(1−p)), row by row, row 0 at the lowest y; NaN: no reading touched the cell.
+        /// ln(p/(1−p)), of doubt metres; row by row, row 0 at the lowest y; NaN: no reading touched the cell.
         log_odds: [f32; 4096],
     }
 }

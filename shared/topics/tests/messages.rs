@@ -121,9 +121,10 @@ fn request() -> impl Strategy<Value = LocalizationRequest> {
 }
 
 fn tile() -> impl Strategy<Value = TileUpdate> {
-    let cell = prop_oneof![Just(f32::NAN), -50.0_f32..50.0];
+    // Doubt is never negative.
+    let cell = prop_oneof![Just(f32::NAN), 0.0_f32..50.0];
     let cells = prop::collection::vec(cell, TILE_CELLS).prop_map(|cells| Box::new(cells.try_into().unwrap()));
-    let layer = prop_oneof![Just(Layer::Map), any::<u16>().prop_map(Layer::Sonar)];
+    let layer = prop_oneof![Just(Layer::Map), any::<u16>().prop_map(Layer::Sonar), Just(Layer::Doubt)];
     (layer, -(1 << 24)..=1 << 24, -(1 << 24)..=1 << 24, any::<u64>(), 1e-3..1e3, cells).prop_map(
         |(layer, x, y, revision, resolution_m, log_odds)| TileUpdate {
             layer,
@@ -425,7 +426,8 @@ fn estimates_that_cannot_be() {
 fn tiles_that_cannot_be() {
     let check = |field, spoil: fn(&mut TileWire)| refused::<_, TileUpdate>(good_tile(), field, spoil);
     assert!(TileUpdate::try_from(&good_tile()).is_ok());
-    check("layer", |w| w.layer = 2);
+    check("layer", |w| w.layer = 3);
+    check("log_odds", |w| (w.layer, w.log_odds[5]) = (2, -0.1));
     check("resolution_m", |w| w.resolution_m = 0.0);
     check("resolution_m", |w| w.resolution_m = f64::NAN);
     check("tile_x", |w| w.tile_x = (1 << 24) + 1);

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 pub struct MapDocument {
     /// The cells.
     pub grid: Grid,
+    /// How much odometry error the evidence of each cell carried, metres in the cells; none: nobody kept it.
+    pub doubt: Option<Grid>,
     /// Where the robot was, in order of time.
     pub path: Vec<PathPoint>,
     /// What it was made of, and by what.

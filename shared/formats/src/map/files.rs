@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::map_server::{self, MapMode, Thresholds};
-use super::{MapDocument, MapError, OccupancyMap, native, npy, picture};
+use super::{MapDocument, MapError, OccupancyMap, doubt, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::write_whole;
 
@@ -54,12 +54,12 @@ impl MapFileOptions {
     }
 }
 
-/// The files of a map: `map.echogrid`, `map.png`, `map.pgm`, `map.yaml`, `map.npy`.
+/// The files of a map: `map.echogrid`, `map.png`, `map.pgm`, `map.yaml`, `map.npy`; `doubt.png` and `doubt.npy` where doubt was kept.
 #[derive(Debug)]
 pub struct MapFiles;
 
 impl MapFiles {
-    /// The names of the files that [`MapFiles::write_all`] writes, in its order.
+    /// The names of the files that [`MapFiles::write_all`] writes, in its order: those of the doubt, the last ones, if there is any.
     #[must_use]
     pub fn names(options: &MapFileOptions) -> Vec<String> {
         let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
@@ -69,6 +69,8 @@ impl MapFiles {
             (pgm, map_server::image_name("map", options.mode)),
             (pgm || npy, "map.yaml".to_owned()),
             (npy, "map.npy".to_owned()),
+            (options.has(MapFormat::Png), doubt::PICTURE.to_owned()),
+            (npy, doubt::ARRAY.to_owned()),
         ];
         names.into_iter().filter(|(chosen, _)| *chosen).map(|(_, name)| name).collect()
     }
@@ -108,7 +110,16 @@ impl MapFiles {
                 write_whole(&file("map.npy"), &npy::encode(&map))?;
             }
         }
-        Ok(Self::names(options).iter().map(|name| file(name)).collect())
+        if let Some(metres) = &document.doubt {
+            if options.has(MapFormat::Png) {
+                write_whole(&file(doubt::PICTURE), &doubt::encode_picture(metres, &document.grid)?)?;
+            }
+            if npy {
+                write_whole(&file(doubt::ARRAY), &doubt::encode_array(metres, &document.grid)?)?;
+            }
+        }
+        let is_written = |name: &String| document.doubt.is_some() || ![doubt::PICTURE, doubt::ARRAY].contains(&&**name);
+        Ok(Self::names(options).iter().filter(|name| is_written(name)).map(|name| file(name)).collect())
     }
 }
 
@@ -123,7 +134,7 @@ mod tests {
         let mut grid = Grid::new(0.05);
         let cell = CellIndex { i: 5, j: -70 };
         grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 2.0;
-        MapDocument { grid, path: Vec::new(), provenance: Provenance::default() }
+        MapDocument { grid, doubt: None, path: Vec::new(), provenance: Provenance::default() }
     }
 
     #[test]
@@ -145,6 +156,19 @@ mod tests {
         let files = MapFiles::write_all(&target, &document, &scale).unwrap();
         assert!(files[2].ends_with("map_scale.png"));
         assert!((map_server::read(&files[3]).unwrap().1.probability[0] - 0.88).abs() < 0.003);
+    }
+
+    #[test]
+    fn doubt_has_files_where_it_was_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut document = document();
+        document.doubt = Some(document.grid.clone());
+        let files = MapFiles::write_all(folder.path(), &document, &MapFileOptions::default()).unwrap();
+        let names: Vec<_> = files.iter().map(|path| path.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names[5..], ["doubt.png", "doubt.npy"]);
+        assert!(files.iter().all(|file| file.exists()));
+        let options = MapFileOptions { formats: vec![MapFormat::Pgm], ..MapFileOptions::default() };
+        assert_eq!(MapFiles::write_all(folder.path(), &document, &options).unwrap().len(), 2);
     }
 
     #[test]
@@ -197,7 +221,8 @@ mod tests {
     #[test]
     fn a_folder_that_cannot_be_is_named() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let document = MapDocument { grid: Grid::new(0.05), path: Vec::new(), provenance: Provenance::default() };
+        let document =
+            MapDocument { grid: Grid::new(0.05), doubt: None, path: Vec::new(), provenance: Provenance::default() };
         let error = MapFiles::write_all(&file.path().join("maps"), &document, &MapFileOptions::default()).unwrap_err();
         assert!(error.to_string().contains("maps"), "{error}");
     }

@@ -6,6 +6,8 @@
 //! | `map.png` | a picture for people | [`picture`] |
 //! | `map.pgm` + `map.yaml` | occupancy for ROS's map_server and Nav2 | [`map_server`] |
 //! | `map.npy` | probabilities for NumPy | [`npy`] |
+//! | `doubt.png`, `doubt.npy` | how much odometry error the evidence of each cell carried, where that was kept | [`doubt`] |
+//! | `readings.echogrid` | the readings as they were fused, where they were kept | [`readings`] |
 //!
 //! [`MapFiles::write_all`] writes those that are chosen. Every file is written whole or not at all: whatever
 //! stood at its path stays intact until the new one is complete and stored. Unknown cells stay
@@ -13,6 +15,7 @@
 //! the log's own odometry frame.
 
 mod document;
+pub mod doubt;
 mod error;
 mod files;
 pub mod map_server;
@@ -20,6 +23,7 @@ pub mod native;
 pub mod npy;
 mod occupancy;
 pub mod picture;
+pub mod readings;
 pub mod sheet;
 
 pub use document::{MapDocument, PathPoint, Provenance};

@@ -9,7 +9,12 @@ use super::OccupancyMap;
 /// The map as an NPY file's bytes.
 #[must_use]
 pub fn encode(map: &OccupancyMap) -> Vec<u8> {
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, {}), }}", map.height, map.width);
+    encode_array(map.width, map.height, &map.probability)
+}
+
+/// Numbers `[row * width + column]` as an NPY file's bytes.
+pub(super) fn encode_array(width: usize, height: usize, numbers: &[f32]) -> Vec<u8> {
+    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
     // Magic, version and length take 10 bytes; all of the header ends in a line feed at a multiple of 64.
     while (10 + header.len() + 1) % 64 != 0 {
         header.push(' ');
@@ -18,9 +23,9 @@ pub fn encode(map: &OccupancyMap) -> Vec<u8> {
     let mut npy = b"\x93NUMPY\x01\x00".to_vec();
     npy.extend_from_slice(&u16::try_from(header.len()).unwrap_or(u16::MAX).to_le_bytes());
     npy.extend_from_slice(header.as_bytes());
-    npy.reserve(map.probability.len() * 4);
-    for p in &map.probability {
-        npy.extend_from_slice(&if p.is_nan() { f32::NAN } else { *p }.to_le_bytes());
+    npy.reserve(numbers.len() * 4);
+    for number in numbers {
+        npy.extend_from_slice(&if number.is_nan() { f32::NAN } else { *number }.to_le_bytes());
     }
     npy
 }

@@ -6,7 +6,10 @@ use echogrid_core::grid::UNKNOWN;
 use echogrid_core::{Grid, Pose2, TileIndex};
 use flate2::read::ZlibDecoder;
 
-use super::{END, GRID, MAGIC, PATH, POINT_BYTES, PROVENANCE, TILE_BYTES, TILE_INDEX_MAX, TILES, TILES_MAX, VERSION};
+use super::{
+    DOUBT, END, GRID, MAGIC, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_BYTES, TILE_INDEX_MAX, TILES,
+    TILES_MAX, VERSION,
+};
 use crate::map::{MapDocument, PathPoint};
 
 /// What is wrong with a native map.
@@ -80,7 +83,12 @@ pub enum NativeError {
 }
 
 impl NativeError {
-    pub(super) fn value(section: [u8; 4], field: &'static str, value: impl ToString, expected: &'static str) -> Self {
+    pub(in crate::map) fn value(
+        section: [u8; 4],
+        field: &'static str,
+        value: impl ToString,
+        expected: &'static str,
+    ) -> Self {
         Self::Value { section: escape(&section), field, value: value.to_string(), expected }
     }
 }
@@ -95,7 +103,7 @@ fn escape(bytes: &[u8]) -> String {
 /// # Errors
 /// When the bytes are cut, damaged, of a newer version, or no native map.
 pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
-    let mut cursor = Cursor { bytes, at: 0 };
+    let mut cursor = Cursor::new(bytes);
     if bytes.len() < MAGIC.len() && MAGIC.starts_with(bytes) {
         return Err(cursor.cut(MAGIC.len() - bytes.len(), "magic"));
     }
@@ -112,18 +120,30 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
         .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "JSON"))?;
     let path = path(cursor.section(PATH)?, point_count)?;
     let mut grid = Grid::new(resolution_m);
-    tiles(cursor.section(TILES)?, tile_count, &mut grid)?;
+    tiles(TILES, cursor.section(TILES)?, tile_count, &mut grid)?;
+    let mut doubt = None;
+    while version > PLAIN_VERSION
+        && let Some(tag) = cursor.optional_tag()
+    {
+        let content = cursor.section(tag)?;
+        if tag == DOUBT {
+            if doubt.is_some() {
+                return Err(NativeError::value(DOUBT, "section", "there twice", "at most one"));
+            }
+            doubt = Some(self::doubt(content, resolution_m)?);
+        }
+    }
     if !cursor.section(END)?.is_empty() {
         return Err(NativeError::value(END, "length", "not 0", "0"));
     }
     match bytes.len() - cursor.at {
-        0 => Ok(MapDocument { grid, path, provenance }),
+        0 => Ok(MapDocument { grid, doubt, path, provenance }),
         count => Err(NativeError::Trailing { at: cursor.at as u64, count: count as u64 }),
     }
 }
 
 fn grid_header(content: &[u8]) -> Result<(f64, u64, u64), NativeError> {
-    let mut cursor = Cursor { bytes: content, at: 0 };
+    let mut cursor = Cursor::new(content);
     let resolution_m = f64::from_le_bytes(cursor.array("resolution")?);
     if !(resolution_m.is_finite() && resolution_m > 0.0) {
         return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
@@ -143,7 +163,7 @@ fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError>
     if Some(content.len() as u64) != point_count.checked_mul(POINT_BYTES as u64) {
         return Err(NativeError::value(PATH, "length", content.len(), "40 bytes for each path point"));
     }
-    let mut cursor = Cursor { bytes: content, at: 0 };
+    let mut cursor = Cursor::new(content);
     let mut path = Vec::with_capacity(content.len() / POINT_BYTES);
     while cursor.at < content.len() {
         let stamp_ns = u64::from_le_bytes(cursor.array("stamp")?);
@@ -159,23 +179,44 @@ fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError>
     Ok(path)
 }
 
-fn tiles(content: &[u8], tile_count: u64, grid: &mut Grid) -> Result<(), NativeError> {
+/// Metres in the cells.
+fn doubt(content: &[u8], resolution_m: f64) -> Result<Grid, NativeError> {
+    let mut cursor = Cursor::new(content);
+    let tile_count = u64::from_le_bytes(cursor.array("number of tiles")?);
+    if tile_count > TILES_MAX {
+        return Err(NativeError::value(DOUBT, "number of tiles", tile_count, "at most 262144"));
+    }
+    let mut grid = Grid::new(resolution_m);
+    tiles(DOUBT, content.get(cursor.at..).unwrap_or_default(), tile_count, &mut grid)?;
+    check_doubt(&grid)?;
+    Ok(grid)
+}
+
+/// Every cell is no negative number of metres, or unknown.
+pub(super) fn check_doubt(grid: &Grid) -> Result<(), NativeError> {
+    let wrong = |value: &&f32| !(value.is_nan() || (value.is_finite() && **value >= 0.0));
+    let wrong = grid.tiles().find_map(|(_, tile)| tile.log_odds.iter().find(wrong));
+    let refuse = |wrong| Err(NativeError::value(DOUBT, "doubt", wrong, "metres, 0 or more, or NaN for unknown"));
+    wrong.map_or(Ok(()), refuse)
+}
+
+fn tiles(tag: [u8; 4], content: &[u8], tile_count: u64, grid: &mut Grid) -> Result<(), NativeError> {
     let mut decoder = ZlibDecoder::new(content);
     let mut bytes = vec![0; TILE_BYTES];
     let mut previous: Option<TileIndex> = None;
     for _ in 0..tile_count {
         decoder
             .read_exact(&mut bytes)
-            .map_err(|error| NativeError::value(TILES, "compressed tiles", error, "as many tiles as GRID says"))?;
-        let mut cursor = Cursor { bytes: &bytes, at: 0 };
+            .map_err(|error| NativeError::value(tag, "compressed tiles", error, "as many tiles as are told"))?;
+        let mut cursor = Cursor::new(&bytes);
         let x = i32::from_le_bytes(cursor.array("tile")?);
         let y = i32::from_le_bytes(cursor.array("tile")?);
         let index = TileIndex { x, y };
         if x.unsigned_abs().max(y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
-            return Err(NativeError::value(TILES, "tile", format!("{index:?}"), "within 2^24 of the origin"));
+            return Err(NativeError::value(tag, "tile", format!("{index:?}"), "within 2^24 of the origin"));
         }
         if previous.is_some_and(|previous| previous >= index) {
-            return Err(NativeError::value(TILES, "tile", format!("{index:?}"), "tiles in ascending order"));
+            return Err(NativeError::value(tag, "tile", format!("{index:?}"), "tiles in ascending order"));
         }
         previous = Some(index);
         let tile = grid.tile_mut(index);
@@ -187,18 +228,31 @@ fn tiles(content: &[u8], tile_count: u64, grid: &mut Grid) -> Result<(), NativeE
     }
     match decoder.read(&mut [0]) {
         Ok(0) => Ok(()),
-        Ok(_) => Err(NativeError::value(TILES, "compressed tiles", "longer", "as many tiles as GRID says")),
-        Err(error) => Err(NativeError::value(TILES, "compressed tiles", error, "a whole zlib stream")),
+        Ok(_) => Err(NativeError::value(tag, "compressed tiles", "longer", "as many tiles as are told")),
+        Err(error) => Err(NativeError::value(tag, "compressed tiles", error, "a whole zlib stream")),
     }
 }
 
 /// Takes bytes from the front.
-struct Cursor<'a> {
+pub(in crate::map) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
 }
 
 impl<'a> Cursor<'a> {
+    pub(in crate::map) fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    pub(in crate::map) fn is_at_end(&self) -> bool {
+        self.at >= self.bytes.len()
+    }
+
+    /// What was not taken yet.
+    pub(in crate::map) fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.at..).unwrap_or_default()
+    }
+
     fn cut(&self, needed: usize, what: &'static str) -> NativeError {
         NativeError::Truncated { at: self.bytes.len() as u64, needed: needed as u64, what }
     }
@@ -210,14 +264,20 @@ impl<'a> Cursor<'a> {
         Ok(taken)
     }
 
-    fn array<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], NativeError> {
+    pub(in crate::map) fn array<const N: usize>(&mut self, what: &'static str) -> Result<[u8; N], NativeError> {
         let mut array = [0; N];
         array.copy_from_slice(self.take(N, what)?);
         Ok(array)
     }
 
+    /// The tag of the section that comes next, if it is an optional one.
+    fn optional_tag(&self) -> Option<[u8; 4]> {
+        let tag: [u8; 4] = self.bytes.get(self.at..)?.get(..4)?.try_into().ok()?;
+        tag[0].is_ascii_lowercase().then_some(tag)
+    }
+
     /// The content of the section that must come next.
-    fn section(&mut self, expected_tag: [u8; 4]) -> Result<&'a [u8], NativeError> {
+    pub(in crate::map) fn section(&mut self, expected_tag: [u8; 4]) -> Result<&'a [u8], NativeError> {
         let start = self.at;
         let tag: [u8; 4] = self.array("section tag")?;
         if tag != expected_tag {
@@ -265,7 +325,7 @@ mod tests {
             log_sha256: Some("ab".into()),
             config_toml: "[mapper]\nresolution_m = 0.05 # ü\n".into(),
         };
-        MapDocument { grid, path: points.iter().map(point).collect(), provenance }
+        MapDocument { grid, doubt: None, path: points.iter().map(point).collect(), provenance }
     }
 
     fn small() -> MapDocument {
@@ -309,11 +369,44 @@ mod tests {
         let bytes = encode(&small()).unwrap();
         assert!(matches!(decode(b"P5\n2 2\n255\n"), Err(NativeError::Magic { .. })));
         let mut newer = bytes.clone();
-        newer[8] = 2;
-        assert_eq!(decode(&newer).unwrap_err(), NativeError::NewerVersion { found: 2 });
+        newer[8] = 3;
+        assert_eq!(decode(&newer).unwrap_err(), NativeError::NewerVersion { found: 3 });
         let mut longer = bytes;
         longer.push(0);
         assert!(matches!(decode(&longer), Err(NativeError::Trailing { count: 1, .. })));
+    }
+
+    #[test]
+    fn doubt_comes_back_and_who_has_none_writes_what_old_readers_read() {
+        let plain = encode(&small()).unwrap();
+        assert_eq!((plain[8], decode(&plain).unwrap().doubt.is_none()), (1, true));
+        let with = |metres: f32| {
+            let mut map = small();
+            let mut doubt = Grid::new(0.05);
+            doubt.tile_mut(TileIndex { x: -1, y: 2 }).log_odds[9] = metres;
+            map.doubt = Some(doubt);
+            encode(&map)
+        };
+        let bytes = with(0.25).unwrap();
+        let back = decode(&bytes).unwrap();
+        assert_same(&small(), &back);
+        assert_eq!(back.doubt.as_ref().unwrap().tile(TileIndex { x: -1, y: 2 }).unwrap().log_odds[9], 0.25);
+        assert_eq!((bytes[8], encode(&back).unwrap()), (2, bytes.clone()));
+        for length in 0..bytes.len() {
+            assert!(decode(&bytes[..length]).is_err(), "{length}");
+        }
+        assert!(with(-0.1).is_err() && with(f32::INFINITY).is_err());
+        // A later version's optional section is left out; one with a capital letter is none of these.
+        let add = |tag: &[u8; 4]| {
+            let mut section = [&tag[..], &3_u64.to_le_bytes(), b"abc"].concat();
+            section.extend(crc32fast::hash(&section).to_le_bytes());
+            let mut more = bytes.clone();
+            let end = more.len() - 16;
+            more.splice(end..end, section);
+            decode(&more)
+        };
+        assert!(add(b"what").unwrap().doubt.is_some());
+        assert!(matches!(add(b"What"), Err(NativeError::Section { .. })));
     }
 
     #[test]

@@ -5,7 +5,12 @@ use std::io::Write as _;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
-use super::{END, GRID, MAGIC, NativeError, PATH, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX, TILES, TILES_MAX, VERSION};
+use echogrid_core::Grid;
+
+use super::{
+    DOUBT, END, GRID, MAGIC, NativeError, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX, TILES,
+    TILES_MAX, VERSION,
+};
 use crate::map::MapDocument;
 
 /// Fixed: another level would give other bytes.
@@ -17,17 +22,15 @@ const LEVEL: Compression = Compression::new(6);
 /// When the map holds what could not be read back: a resolution that is no positive number, a path
 /// point that is not finite, a tile beyond 2²⁴, or more than [`TILES_MAX`] tiles.
 pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
-    let MapDocument { grid, path, provenance } = document;
+    let MapDocument { grid, doubt, path, provenance } = document;
     let resolution_m = grid.resolution_m();
     if !(resolution_m.is_finite() && resolution_m > 0.0) {
         return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
     }
-    let tile_count = grid.tile_count() as u64;
-    if tile_count > TILES_MAX {
-        return Err(NativeError::value(GRID, "number of tiles", tile_count, "at most 262144"));
-    }
+    let tile_count = tile_count(GRID, grid)?;
     let mut file = MAGIC.to_vec();
-    file.extend_from_slice(&VERSION.to_le_bytes());
+    let version = if doubt.is_some() { VERSION } else { PLAIN_VERSION };
+    file.extend_from_slice(&version.to_le_bytes());
 
     let mut content = Vec::new();
     content.extend_from_slice(&resolution_m.to_le_bytes());
@@ -51,11 +54,32 @@ pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
     }
     section(&mut file, PATH, &content);
 
+    section(&mut file, TILES, &tiles(TILES, grid)?);
+    if let Some(doubt) = doubt {
+        super::read::check_doubt(doubt)?;
+        let mut content = self::tile_count(DOUBT, doubt)?.to_le_bytes().to_vec();
+        content.extend(tiles(DOUBT, doubt)?);
+        section(&mut file, DOUBT, &content);
+    }
+    section(&mut file, END, &[]);
+    Ok(file)
+}
+
+fn tile_count(tag: [u8; 4], grid: &Grid) -> Result<u64, NativeError> {
+    let count = grid.tile_count() as u64;
+    if count > TILES_MAX {
+        return Err(NativeError::value(tag, "number of tiles", count, "at most 262144"));
+    }
+    Ok(count)
+}
+
+/// All tiles as a zlib stream.
+fn tiles(tag: [u8; 4], grid: &Grid) -> Result<Vec<u8>, NativeError> {
     let mut tiles = ZlibEncoder::new(Vec::new(), LEVEL);
     let mut bytes = Vec::new();
     for (index, tile) in grid.tiles() {
         if index.x.unsigned_abs().max(index.y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
-            return Err(NativeError::value(TILES, "tile", format!("{index:?}"), "within 2^24 of the origin"));
+            return Err(NativeError::value(tag, "tile", format!("{index:?}"), "within 2^24 of the origin"));
         }
         bytes.clear();
         bytes.extend_from_slice(&index.x.to_le_bytes());
@@ -66,15 +90,13 @@ pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
             let bits = if log_odds.is_nan() { 0x7fc0_0000 } else { log_odds.to_bits() };
             bytes.extend_from_slice(&bits.to_le_bytes());
         }
-        tiles.write_all(&bytes).map_err(|error| NativeError::value(TILES, "tile", error, "room in memory"))?;
+        tiles.write_all(&bytes).map_err(|error| NativeError::value(tag, "tile", error, "room in memory"))?;
     }
-    let content = tiles.finish().map_err(|error| NativeError::value(TILES, "tiles", error, "room in memory"))?;
-    section(&mut file, TILES, &content);
-    section(&mut file, END, &[]);
-    Ok(file)
+    tiles.finish().map_err(|error| NativeError::value(tag, "tiles", error, "room in memory"))
 }
 
-fn section(file: &mut Vec<u8>, tag: [u8; 4], content: &[u8]) {
+/// Adds a section to a file.
+pub(in crate::map) fn section(file: &mut Vec<u8>, tag: [u8; 4], content: &[u8]) {
     let start = file.len();
     file.extend_from_slice(&tag);
     file.extend_from_slice(&(content.len() as u64).to_le_bytes());

@@ -1,0 +1,72 @@
+//! The readings that made the map what it is, as they were fused: by them it can be told why a cell is what it is ([`crate::why`]).
+
+use std::collections::VecDeque;
+
+use crate::pose::Pose2;
+use crate::reading::Reading;
+use crate::sensor_model::Deviations;
+use crate::verdict::Verdict;
+
+/// A reading with all that its fusion depends on, besides the map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeptReading {
+    /// Number of its scan.
+    pub sequence: u64,
+    /// What was heard.
+    pub reading: Reading,
+    /// `map_from_base`: where the robot was, as it was believed when this was fused last.
+    pub pose: Pose2,
+    /// Eqs 22, 23.
+    pub deviations: Deviations,
+    /// How much of it was new, in (0, 1]; 0 where it was refused.
+    pub news: f64,
+    /// Whether it is in the map, or why it is not.
+    pub verdict: Verdict,
+}
+
+/// The last so many readings, in the order in which they were fused.
+#[derive(Debug, Clone)]
+pub struct KeptReadings {
+    max: usize,
+    readings: VecDeque<KeptReading>,
+    /// Older ones that were given up.
+    given_up: u64,
+}
+
+impl KeptReadings {
+    pub(crate) fn new(max: usize) -> Self {
+        Self { max, readings: VecDeque::new(), given_up: 0 }
+    }
+
+    /// The oldest first.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &KeptReading> {
+        self.readings.iter()
+    }
+
+    /// How many older ones there was no room for.
+    #[must_use]
+    pub fn given_up(&self) -> u64 {
+        self.given_up
+    }
+
+    /// The place of the reading that comes next; it stays the same when older ones are given up.
+    pub(crate) fn next_place(&self) -> u64 {
+        self.given_up + self.readings.len() as u64
+    }
+
+    pub(crate) fn push(&mut self, reading: KeptReading) {
+        if self.readings.len() >= self.max {
+            self.readings.pop_front();
+            self.given_up += 1;
+        }
+        self.readings.push_back(reading);
+    }
+
+    /// It was fused again; of one that was given up nothing is said.
+    pub(crate) fn replace(&mut self, place: u64, reading: KeptReading) {
+        let index = place.checked_sub(self.given_up).and_then(|index| usize::try_from(index).ok());
+        if let Some(slot) = index.and_then(|index| self.readings.get_mut(index)) {
+            *slot = reading;
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Why a cell is what it is: the kept readings are fused once more, in their order, and the cell is watched.
+//!
+//! All of them are, not those alone that touch the cell: what `first_echo` makes of a reading depends on the whole cone so far. So
+//! what comes out is the cell's log-odds, exactly, if every reading since the map was empty was kept.
+
+use crate::config::{ConfigError, MapperConfig, Noise};
+use crate::filter::{channels, range_of};
+use crate::fusion::{Fuser, Sounding};
+use crate::grid::{CellIndex, DirtyTiles, Grid};
+use crate::kept::KeptReading;
+use crate::odometry::Estimate;
+use crate::pose::Pose2;
+use crate::robot::Robot;
+use crate::verdict::Verdict;
+
+/// What one reading said of the cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said {
+    /// The reading, where the robot was, and what it was worth.
+    pub kept: KeptReading,
+    /// The number of its sonar; none: it is another sensor's.
+    pub sonar: Option<u16>,
+    /// Log-odds of the cell before; none: nobody had spoken of it.
+    pub before: Option<f32>,
+    /// Log-odds after it; those before, where the reading was refused.
+    pub after: Option<f32>,
+    /// What it added, from l0 on where nobody had spoken of the cell; 0 where it was refused.
+    pub added: f64,
+}
+
+/// Why a cell is what it is.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Why {
+    /// Log-odds that the kept readings come to; none: unknown.
+    pub log_odds: Option<f32>,
+    /// Readings that moved the cell, and those that were refused and spoke of it, in the order in which they were fused.
+    pub said: Vec<Said>,
+}
+
+/// Fuses `readings` once more, as `config` says, and tells what they said of the cell that holds the point (x, y), metres in the
+/// map frame.
+///
+/// # Errors
+/// The configuration is out of range or does not fit the robot.
+pub fn why<'a>(
+    config: &MapperConfig,
+    robot: &Robot,
+    readings: impl IntoIterator<Item = &'a KeptReading>,
+    [x, y]: [f64; 2],
+) -> Result<Why, ConfigError> {
+    config.validate()?;
+    let channels = channels(config, robot)?;
+    // No noise is drawn: the deviations are told.
+    let mut fuser = Fuser::new(config, Noise::OneSigma, 0);
+    let mut grid = Grid::new(config.resolution_m);
+    let cell = grid.cell_at(x, y);
+    let mut said = Vec::new();
+    for kept in readings {
+        let Some(channel) = channels.get(usize::from(kept.reading.transducer)).copied().flatten() else { continue };
+        let estimate = Estimate::certain(kept.pose);
+        let sounding = Sounding {
+            sequence: kept.sequence,
+            transducer: kept.reading.transducer,
+            sensor: &channel.transducer,
+            range_m: range_of(kept.reading.echo).ok(),
+            estimate: &estimate,
+            news: Some(kept.news),
+        };
+        let before = grid.log_odds(cell);
+        let mut dirty = DirtyTiles::default();
+        let is_told = if kept.verdict == Verdict::Accepted {
+            let _ = fuser.apply(&mut grid, &mut dirty, &sounding, kept.deviations, kept.news);
+            grid.log_odds(cell).map(f32::to_bits) != before.map(f32::to_bits)
+        } else {
+            is_spoken_of(&mut fuser, &sounding, kept, cell, config.resolution_m)
+        };
+        if is_told {
+            let after = grid.log_odds(cell);
+            let of = |log_odds: Option<f32>| log_odds.map_or(config.log_odds_prior, f64::from);
+            said.push(Said { kept: *kept, sonar: channel.sonar, before, after, added: of(after) - of(before) });
+        }
+    }
+    Ok(Why { log_odds: grid.log_odds(cell), said })
+}
+
+/// Whether a refused reading would have moved the cell, on a map that knows nothing.
+fn is_spoken_of(
+    fuser: &mut Fuser,
+    sounding: &Sounding<'_>,
+    kept: &KeptReading,
+    cell: CellIndex,
+    resolution_m: f64,
+) -> bool {
+    // What lies farther off is in no cone.
+    let reach_m = sounding.range_m.unwrap_or(sounding.sensor.range_max_m) + 3.0 * kept.deviations.sigma_z_m;
+    let mut empty = Grid::new(resolution_m);
+    let [x, y] = empty.centre(cell);
+    let arm_m = sounding.sensor.base_from_transducer.distance_m(Pose2::IDENTITY);
+    let off_m = kept.pose.distance_m(Pose2::new(x, y, 0.0));
+    // Of deviations that nobody knows nothing is said.
+    let is_near = off_m <= reach_m.min(sounding.sensor.range_max_m) + arm_m + resolution_m;
+    if !is_near {
+        return false;
+    }
+    let applied = fuser.apply(&mut empty, &mut DirtyTiles::default(), sounding, kept.deviations, 1.0);
+    applied.is_ok() && empty.log_odds(cell).is_some_and(|log_odds| log_odds != 0.0)
+}
