@@ -39,5 +39,5 @@ fn belgioioso_whose_stamps_are_of_no_use() {
 
 #[test]
 fn udacity_sonar() {
-    check("sonar/udacity", 20_000);
+    check("sonar/udacity", 10_000);
 }
