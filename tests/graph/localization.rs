@@ -303,3 +303,32 @@ fn the_score_of_a_known_log_with_fixes_is_that_of_the_reference() {
         assert!((bits - expected).abs() < 0.02, "{every} {remap}: {bits}");
     }
 }
+
+/// What comes by default: the first-echo rule behind the filters; re-mapping is better still.
+#[test]
+fn the_default_map_of_a_known_log() {
+    let (Some(log), Some(world)) = (data("sonar/columbia-sonar.log.gz"), data("worlds/columbia.map")) else { return };
+    let out = tempfile::tempdir().unwrap();
+    let (log, world, folder) = (path(&log), path(&world), path(out.path()));
+    let map = path(&out.path().join("map.echogrid"));
+    let fixes = |every| ["--fix", "truth", "--fix-every", every];
+    let cases: [(&[&str], &str, f64); 6] = [
+        (&fixes("0.01m"), "false", 0.445),
+        (&fixes("5m"), "false", 0.482),
+        (&fixes("15m"), "false", 0.665),
+        (&[], "false", 0.917),
+        (&fixes("5m"), "true", 0.458),
+        (&fixes("15m"), "true", 0.514),
+    ];
+    for (told, remap, expected) in cases {
+        let remap = format!("mapper.remap={remap}");
+        let sets = ["odometry.systematic=carry", "odometry.lin_scale=0.03", "odometry.ang_scale=0.03", &remap];
+        let sets = sets.into_iter().flat_map(|set| ["--set", set]);
+        let arguments = ["map", &log, "--out", &folder, "-q"];
+        let output = echogrid(arguments.into_iter().chain(told.iter().copied()).chain(sets));
+        assert!(output.status.success(), "{}", said(&output));
+        let score = summary(&echogrid(["score", &map, "--world", &world, "--path", &log, "--json"]));
+        let bits = score["bits"].as_f64().unwrap();
+        assert!((bits - expected).abs() < 0.004, "{told:?} {remap}: {bits}");
+    }
+}

@@ -76,3 +76,25 @@ fn the_papers_claim_holds_on_a_recorded_drive() {
     let fixed = bits(&none);
     assert!((fixed - 1.97).abs() < 0.05, "{fixed}");
 }
+
+/// The default beats the paper and a robot that believes its odometry, however often it is told where it is.
+#[test]
+fn the_default_rule_wins_on_floors_that_nobody_saw() {
+    let floors = ["evaluate", "--worlds", "floor-201", "--json"];
+    let report = summary(&echogrid(floors));
+    let rows = report["tables"][0]["rows"].as_array().unwrap();
+    let bits = |method: &str| -> Vec<f64> {
+        let row = rows.iter().find(|row| row["method"] == method).unwrap();
+        row["columns"].as_array().unwrap().iter().map(|column| column["bits"].as_f64().unwrap()).collect()
+    };
+    let ours = bits("first_echo");
+    for other in ["fixed σ", "paper"] {
+        for (ours, theirs) in ours.iter().zip(bits(other)) {
+            assert!(*ours < theirs - 0.05, "{other}: {ours} {theirs}");
+        }
+    }
+    let refused = echogrid(["evaluate", "--worlds", "floor-9..1"]);
+    assert!(said(&refused).contains("the lower number first"), "{}", said(&refused));
+    let refused = echogrid(["evaluate", "--worlds", "room", "--log", "drive.log"]);
+    assert!(said(&refused).contains("LOG=WORLD"), "{}", said(&refused));
+}
