@@ -294,7 +294,7 @@ pub struct Calibrate {
     /// Saves a picture of the errors, and of what the model makes of them.
     #[arg(long, value_name = "FILE.png")]
     pub picture: Option<PathBuf>,
-    /// Writes the model as an [odometry] section; see `echogrid map --config`.
+    /// Writes the model as the section `[odometry]`; see `echogrid map --config`.
     #[arg(long, value_name = "FILE.toml")]
     pub out: Option<PathBuf>,
     /// Replaces the file of --out if it is there.

@@ -1,4 +1,5 @@
-//! How many rings of 16 sonars are mapped per second (`items` of the table), with the paper's full model.
+//! How many rings of 16 sonars are mapped per second (`items` of the table), with the paper's full model, with
+//! `first_echo`, and with `first_echo` behind the filters that come by default.
 //!
 //! `synthetic_*`: a robot with the sonars of a Pioneer 3-AT on a drive through a hall, 85 % of the readings echoes, of
 //! 2.78 m in the mean. `recorded_*`: the rings of `workload_s.bin` (little-endian f32: x, y, theta, 16 ranges, 5 m = no
@@ -10,7 +11,7 @@ use std::path::PathBuf;
 
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
-use echogrid_core::config::{Limit, Noise};
+use echogrid_core::config::{Fusion, Limit, Noise};
 use echogrid_core::{
     Echo, Estimate, GridMapper, MapperConfig, OdometryErrors, Pose2, Reading, Robot, Sensor, SensorKind,
 };
@@ -103,23 +104,48 @@ fn doubtful() -> OdometryErrors {
     OdometryErrors { eps_lin_m2: 4e-3, eps_ang_rad2: 3e-3, ..OdometryErrors::default() }
 }
 
-fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, errors: OdometryErrors) {
+/// What is measured.
+#[derive(Clone, Copy)]
+struct Work {
+    fusion: Fusion,
+    errors: OdometryErrors,
+    /// Whether all filters judge each ring.
+    filtered: bool,
+}
+
+fn paper(errors: OdometryErrors) -> Work {
+    Work { fusion: Fusion::Paper, errors, filtered: false }
+}
+
+fn first_echo(filtered: bool) -> Work {
+    Work { fusion: Fusion::FirstEcho, errors: certain(), filtered }
+}
+
+fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, work: Work) {
     let Some(rings) = rings else {
         println!("no workload_s.bin");
         return;
     };
+    let Work { fusion, errors, filtered } = work;
     // The peers map up to the 5 m that the sonars see.
-    let config = MapperConfig { max_range_m: Limit::Metres(4.999), min_trust: 0.0, ..MapperConfig::default() };
+    let config = MapperConfig { fusion, max_range_m: Limit::Metres(4.999), min_trust: 0.0, ..MapperConfig::default() };
     let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, pioneer()).expect("valid");
     let mut sequence = 0;
     bencher.counter(ItemsCount::new(rings.len())).bench_local(|| {
         for ring in rings {
             let estimate = Estimate { errors, ..Estimate::certain(ring.pose) };
             sequence += 1;
-            for (transducer, range_m) in ring.ranges_m.into_iter().enumerate() {
+            let reading = |(transducer, range_m): (usize, f64)| {
                 let echo = if range_m < NO_ECHO_M { Echo::Hit { range_m } } else { Echo::NoEcho };
-                let reading = Reading { transducer: transducer as u16, echo, offset_ns: 0 };
-                black_box(mapper.integrate(sequence, &reading, Some(&estimate)));
+                (Reading { transducer: transducer as u16, echo, offset_ns: 0 }, Some(estimate))
+            };
+            let scan: [_; SONARS] = core::array::from_fn(|sonar| reading((sonar, ring.ranges_m[sonar])));
+            if filtered {
+                black_box(mapper.integrate_scan(sequence, &scan));
+            } else {
+                for (reading, estimate) in &scan {
+                    black_box(mapper.integrate(sequence, reading, estimate.as_ref()));
+                }
             }
         }
         mapper.take_dirty()
@@ -128,20 +154,30 @@ fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, errors: OdometryErrors)
 
 #[divan::bench(sample_count = 20)]
 fn synthetic_certain(bencher: Bencher<'_, '_>) {
-    map(bencher, Some(&synthetic()), certain());
+    map(bencher, Some(&synthetic()), paper(certain()));
 }
 
 #[divan::bench(sample_count = 20)]
 fn synthetic_doubtful(bencher: Bencher<'_, '_>) {
-    map(bencher, Some(&synthetic()), doubtful());
+    map(bencher, Some(&synthetic()), paper(doubtful()));
 }
 
 #[divan::bench(sample_count = 5)]
 fn recorded_certain(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), certain());
+    map(bencher, recorded().as_deref(), paper(certain()));
 }
 
 #[divan::bench(sample_count = 5)]
 fn recorded_doubtful(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), doubtful());
+    map(bencher, recorded().as_deref(), paper(doubtful()));
+}
+
+#[divan::bench(sample_count = 5)]
+fn recorded_first_echo(bencher: Bencher<'_, '_>) {
+    map(bencher, recorded().as_deref(), first_echo(false));
+}
+
+#[divan::bench(sample_count = 5)]
+fn recorded_first_echo_filtered(bencher: Bencher<'_, '_>) {
+    map(bencher, recorded().as_deref(), first_echo(true));
 }

@@ -505,6 +505,14 @@ mod tests {
         assert_eq!(crossed, Some("min_range_m"));
         assert_eq!(mapper_key(|c| c.min_trust = 1.1), Some("min_trust"));
         assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
+        for wrong in [0.0, 1.0, f64::NAN] {
+            assert_eq!(mapper_key(|c| c.echo_prior = wrong), Some("echo_prior"), "{wrong}");
+            assert_eq!(mapper_key(|c| c.echo_detection = wrong), Some("echo_detection"), "{wrong}");
+            assert_eq!(mapper_key(|c| c.echo_clutter = wrong), Some("echo_clutter"), "{wrong}");
+            assert_eq!(mapper_key(|c| c.echo_lost = wrong), Some("echo_lost"), "{wrong}");
+        }
+        assert_eq!(mapper_key(|c| c.tempering = -0.1), Some("tempering"));
+        assert_eq!(mapper_key(|c| c.novelty_m = f64::NAN), Some("novelty_m"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
         assert_eq!(mapper_key(|c| c.keep_readings_max = 0), Some("keep_readings_max"));
         assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));

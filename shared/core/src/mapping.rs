@@ -461,4 +461,42 @@ mod tests {
         assert!(map(1).is_some());
         assert_eq!(map(1), map(2));
     }
+
+    /// Nothing came back: whoever asks for it learns that the cone is rather empty, out to its end and no farther.
+    #[test]
+    fn no_echo_may_clear() {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            let mut mapper = mapper(|config| (config.fusion, config.no_echo) = (fusion, NoEcho::Clear)).unwrap();
+            let nothing = Reading { echo: Echo::NoEcho, ..hit(0, 1.0) };
+            assert_eq!(mapper.integrate(1, &nothing, Some(&here())), Verdict::Accepted, "{fusion:?}");
+            let at = |x: f64| mapper.grid().log_odds(mapper.grid().cell_at(x, 0.01));
+            assert!(at(1.0).unwrap() < 0.0 && at(1.0).unwrap() > -0.1, "{fusion:?}: a weak word: {:?}", at(1.0));
+            assert!(at(5.1).unwrap() <= 0.0 && at(5.3).is_none(), "{fusion:?}");
+            assert!(
+                mapper.grid().tiles().all(|(_, tile)| tile.log_odds.iter().all(|cell| cell.is_nan() || *cell <= 0.0))
+            );
+        }
+    }
+
+    /// Ten minutes at 25 Hz change no cell more than their first second did.
+    #[test]
+    fn standing_still_adds_no_certainty() {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+            let mut mapper = mapper(|config| config.fusion = fusion).unwrap();
+            let mut stand = |rings: core::ops::Range<u64>| {
+                rings.for_each(|ring| {
+                    assert_eq!(mapper.integrate(ring, &hit(0, 2.0), Some(&here())), Verdict::Accepted)
+                });
+                mapper.grid().clone()
+            };
+            let (second, minutes) = (stand(1..26), stand(26..15_001));
+            let probability = |cell: f32| crate::log_odds::probability_of(f64::from(cell));
+            for ((_, first), (_, last)) in second.tiles().zip(minutes.tiles()) {
+                for (first, last) in first.log_odds.iter().zip(last.log_odds.iter()).filter(|(f, _)| !f.is_nan()) {
+                    let (first, last) = (probability(*first), probability(*last));
+                    assert!((last - first).abs() <= (first - 0.5).abs() + 1e-6, "{fusion:?}: {first} {last}");
+                }
+            }
+        }
+    }
 }
