@@ -120,6 +120,14 @@ pub(crate) fn tidied(covariance: JointCovariance) -> JointCovariance {
             tidy.fill_column(index, 0.0);
         }
     }
+    // Two errors go together at most fully: where a variance is all but gone, rounding would have them go together more.
+    for row in 0..5 {
+        for column in 0..row {
+            let most = (tidy[(row, row)] * tidy[(column, column)]).sqrt();
+            let together = tidy[(row, column)].max(-most).min(most);
+            (tidy[(row, column)], tidy[(column, row)]) = (together, together);
+        }
+    }
     tidy
 }
 
