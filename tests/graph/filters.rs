@@ -50,7 +50,6 @@ fn drive(sets: &[&str]) -> (f64, Vec<VerdictCounts>) {
     let common = [
         // It adds up what a broken sonar says; first_echo hardly believes it in the first place.
         "mapper.fusion=paper",
-        "mapper.filter_rings=10",
         "mapper.sonars=corridor",
         "simulator.world=office",
         "simulator.duration_s=120",

@@ -325,7 +325,8 @@ static MAPPER: Section = Section {
             "what readings pass, in this order. range: limits; selection: sonars; stuck: sonars that others contradict for long; \
              lone: no other sonar hears it; bubble: multiple reflections",
         ),
-        key("filter_rings", "a whole number from 0 to 100", "rings that stuck, lone and bubble look back on"),
+        key("filter_rings", "a whole number from 0 to 100", "rings that stuck and lone look back on"),
+        key("bubble_rings", "a whole number from 0 to 100", "rings that bubble looks back on"),
         key("stuck_after_m", "a number of metres", "metres over which a stuck sonar repeats its value"),
         key("lone_tolerance_m", "a number of metres", "metres within which echoes support each other"),
         key("bubble_tolerance_m", "a number of metres", "metres by which a point may be inside of a bubble"),

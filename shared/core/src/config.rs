@@ -276,6 +276,8 @@ pub struct MapperConfig {
     pub filters: Vec<Filter>,
     /// `stuck`, `lone` and `bubble` look back on so many rings.
     pub filter_rings: u16,
+    /// Rings before the present one that the bubble filter looks back on.
+    pub bubble_rings: u16,
     /// A sonar that repeats a value over so much way, and is contradicted, is stuck, metres.
     pub stuck_after_m: f64,
     /// Echoes that may come from within this of each other support each other, metres.
@@ -315,7 +317,8 @@ impl Default for MapperConfig {
             remap: false,
             remap_readings_max: 50_000,
             filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Bubble],
-            filter_rings: 20,
+            filter_rings: 10,
+            bubble_rings: 30,
             stuck_after_m: 0.5,
             lone_tolerance_m: 0.15,
             bubble_tolerance_m: 0.05,
@@ -426,12 +429,9 @@ impl MapperConfig {
             written(),
             "\"selection\" among them, where sonars are selected",
         )?;
-        ConfigError::unless(
-            self.filter_rings <= 100,
-            "filter_rings",
-            self.filter_rings,
-            "a whole number from 0 to 100",
-        )?;
+        for (key, rings) in [("filter_rings", self.filter_rings), ("bubble_rings", self.bubble_rings)] {
+            ConfigError::unless(rings <= 100, key, rings, "a whole number from 0 to 100")?;
+        }
         for (key, metres) in [
             ("stuck_after_m", self.stuck_after_m),
             ("lone_tolerance_m", self.lone_tolerance_m),
@@ -522,6 +522,7 @@ mod tests {
         assert_eq!(mapper_key(|c| (unused(c), c.max_range_m = Limit::Metres(3.0)).1), Some("filters"));
         assert_eq!(mapper_key(|c| (unused(c), c.sonars = SonarSelection::Numbers(vec![1])).1), Some("filters"));
         assert_eq!(mapper_key(|c| c.filter_rings = 101), Some("filter_rings"));
+        assert_eq!(mapper_key(|c| c.bubble_rings = 101), Some("bubble_rings"));
         assert_eq!(mapper_key(|c| c.stuck_after_m = -1.0), Some("stuck_after_m"));
         assert_eq!(mapper_key(|c| c.lone_tolerance_m = f64::NAN), Some("lone_tolerance_m"));
         assert_eq!(mapper_key(|c| c.bubble_tolerance_m = f64::INFINITY), Some("bubble_tolerance_m"));

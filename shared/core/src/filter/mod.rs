@@ -56,7 +56,11 @@ impl Chain {
             filters,
             bubble_tolerance_m: config.bubble_tolerance_m,
             stuck_after_m: config.stuck_after_m,
-            ring: Ring::new(usize::from(config.filter_rings), config.lone_tolerance_m),
+            ring: Ring::new(
+                usize::from(config.filter_rings),
+                usize::from(config.bubble_rings),
+                config.lone_tolerance_m,
+            ),
             health: Health::default(),
         }
     }

@@ -39,6 +39,7 @@ pub(crate) struct Ring {
     past: VecDeque<Vec<Witness>>,
     /// So many rings are remembered.
     memory: usize,
+    bubble_memory: usize,
     tolerance_m: f64,
     /// Somebody was refused who may have supported others.
     stale: bool,
@@ -47,8 +48,16 @@ pub(crate) struct Ring {
 
 impl Ring {
     /// Claims whose arcs come within `tolerance_m` (metres) support each other.
-    pub(crate) fn new(memory: usize, tolerance_m: f64) -> Self {
-        Self { present: Vec::new(), past: VecDeque::new(), memory, tolerance_m, stale: true, before: None }
+    pub(crate) fn new(memory: usize, bubble_memory: usize, tolerance_m: f64) -> Self {
+        Self {
+            present: Vec::new(),
+            past: VecDeque::new(),
+            memory,
+            bubble_memory,
+            tolerance_m,
+            stale: true,
+            before: None,
+        }
     }
 
     /// A scan begins.
@@ -72,9 +81,9 @@ impl Ring {
         let counts = |standing: &&Standing| matches!(standing.refusal, None | Some(Verdict::Lone));
         let witness = |standing: &Standing| Witness { claim: standing.claim, supported: standing.supported };
         let ring: Vec<Witness> = self.present.iter().filter(counts).map(witness).collect();
-        if !ring.is_empty() && self.memory > 0 {
-            self.past.truncate(self.memory - 1);
+        if !ring.is_empty() {
             self.past.push_front(ring);
+            self.past.truncate(self.memory.max(self.bubble_memory));
         }
     }
 
@@ -120,7 +129,7 @@ impl Ring {
 
     /// What other sonars say, now or before.
     fn others(&self, transducer: u16) -> impl Iterator<Item = Witness> {
-        self.all().filter(move |witness| witness.claim.transducer != transducer)
+        self.all(self.memory).filter(move |witness| witness.claim.transducer != transducer)
     }
 
     /// What other sonars say that is supported by more than one, now or before.
@@ -130,13 +139,16 @@ impl Ring {
 
     /// All that is said and supported, now or before, but for a claim of the present scan.
     pub(crate) fn supported_but(&self, claim: &Claim) -> impl Iterator<Item = Claim> {
-        self.all().filter(|witness| witness.supported && witness.claim != *claim).map(|witness| witness.claim)
+        self.all(self.bubble_memory)
+            .filter(|witness| witness.supported && witness.claim != *claim)
+            .map(|witness| witness.claim)
     }
 
-    fn all(&self) -> impl Iterator<Item = Witness> {
+    /// Of the present, and of so many rings before.
+    fn all(&self, rings: usize) -> impl Iterator<Item = Witness> {
         let present = self.present.iter().filter(|standing| standing.refusal.is_none());
         let present = present.map(|standing| Witness { claim: standing.claim, supported: standing.supported });
-        present.chain(self.past.iter().flatten().copied())
+        present.chain(self.past.iter().take(rings).flatten().copied())
     }
 }
 

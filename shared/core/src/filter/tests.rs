@@ -53,7 +53,7 @@ fn hit(transducer: usize, range_m: f64) -> Reading {
 }
 
 fn config(filters: &[Filter]) -> MapperConfig {
-    MapperConfig { filters: filters.to_vec(), filter_rings: 10, ..MapperConfig::default() }
+    MapperConfig { filters: filters.to_vec(), bubble_rings: 10, ..MapperConfig::default() }
 }
 
 struct Judge {
