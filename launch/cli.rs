@@ -136,7 +136,8 @@ pub enum Command {
     Score {
         /// Native map, map.echogrid.
         map: PathBuf,
-        /// The world: office, room, or a file: .toml, .map (MobileSim) or .yaml (map_server).
+        /// The world: office, room, a floor drawn by lot (floor-1, floor-2 ...), or a file: .toml, .map (MobileSim) or .yaml
+        /// (map_server).
         #[arg(long, value_name = "NAME|FILE")]
         world: PathBuf,
         /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
@@ -196,7 +197,7 @@ pub enum Command {
         /// Where its files are saved; docs/experiment.md tells what they are.
         #[arg(long, value_name = "DIR", default_value = "experiment")]
         out: PathBuf,
-        /// The world: office, room, or a file [default: columbia.map of MobileSim where $ECHOGRID_DATA has it, else office].
+        /// The world: office, room, floor-1 ..., or a file [default: columbia.map of MobileSim where $ECHOGRID_DATA has it, else office].
         #[arg(long, value_name = "NAME|FILE")]
         world: Option<PathBuf>,
         /// Seed of all that the drive draws.

@@ -89,7 +89,7 @@ impl Learnable {
         let own: Vec<String> =
             self.sets(places).into_iter().chain([format!("mapper.fusion={}", self.fusion)]).collect();
         let runs: Vec<_> = drives.iter().flat_map(|drive| SCHEDULES.iter().map(move |at| (drive, at))).collect();
-        let bits = jobs::run(&runs, |(drive, schedule)| {
+        let bits = jobs::run("lesson", &runs, |(drive, schedule)| {
             let told = schedule.sets.iter().map(|set| (*set).to_owned());
             let sets: Vec<String> = told.chain(common.iter().cloned()).chain(own.iter().cloned()).collect();
             Ok(drive.judge(&sets)?.bits)

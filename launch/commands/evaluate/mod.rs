@@ -41,7 +41,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     let logs = request.logs.iter().map(|log| drive::logged(log)).collect::<Result<Vec<Drive>>>()?;
     let workload = request.workload.as_deref().map(Workload::read).transpose()?;
 
-    let lessons = |drives: &[Drive]| jobs::run(drives, |drive| Lesson::of(drive, &request.sets));
+    let lessons = |drives: &[Drive]| jobs::run("drive", drives, |drive| Lesson::of(drive, &request.sets));
     let learnt = match lessons(&learn_on)? {
         none if none.is_empty() => Vec::new(),
         lessons => learn::learn(&lessons, &request.sets, setting(request)?)?,
@@ -65,7 +65,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     }
     let on_workload = match &workload {
         Some(workload) => {
-            let judged = jobs::run(METHODS, |method| workload.judge(&sets_of(method)))?;
+            let judged = jobs::run("map of the workload", METHODS, |method| workload.judge(&sets_of(method)))?;
             METHODS.iter().map(|method| method.name).zip(judged).collect()
         }
         None => Vec::new(),
@@ -99,7 +99,7 @@ fn judge(drives: &[Lesson], sets_of: impl Fn(&Method) -> Vec<String> + Sync) -> 
         .iter()
         .flat_map(|method| schedules().flat_map(move |at| drives.iter().map(move |drive| (method, at, drive))))
         .collect();
-    let judged = jobs::run(&runs, |(method, schedule, drive)| {
+    let judged = jobs::run("map", &runs, |(method, schedule, drive)| {
         let told = schedule.sets.iter().map(|set| (*set).to_owned());
         drive.judge(&told.chain(sets_of(method)).collect::<Vec<_>>())
     })?;

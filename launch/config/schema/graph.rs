@@ -68,8 +68,8 @@ pub(crate) static SIMULATOR: Section = Section {
         text(
             "world",
             Text::MaybePath(&[".toml", ".map", ".yaml", ".yml"]),
-            "office, room, or a file *.toml, *.map or *.yaml",
-            "office, room, or a file: .toml, .map (MobileSim) or .yaml (map_server)",
+            "office, room, floor-1 ..., or a file *.toml, *.map or *.yaml",
+            "office, room, a floor drawn by lot (floor-1, floor-2 ...), or a file: .toml, .map (MobileSim) or .yaml (map_server)",
         ),
         key(
             "start",

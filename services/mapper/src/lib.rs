@@ -143,7 +143,11 @@ impl MapperService {
         let Some(mapper) = self.mapper.as_mut() else { return };
         while let Some(Rectified { before, after, .. }) = self.trajectory.fix_before(stamp_ns) {
             let Remapped { readings, left, verdicts } = mapper.rectify(revision, &before, &after);
-            verdicts.into_iter().for_each(|(before, now)| self.counts.change(before, now));
+            for (transducer, before, now) in verdicts {
+                self.counts.change(before, now);
+                let sonar = mapper.sonar_of(transducer).and_then(|n| self.sonar_counts.get_mut(usize::from(n)));
+                sonar.into_iter().for_each(|counts| counts.change(before, now));
+            }
             if left > 0 && self.remapped.1 == 0 {
                 tracing::warn!(
                     readings = left,

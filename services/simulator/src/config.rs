@@ -12,7 +12,7 @@ use crate::fault::Fault;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SimulatorConfig {
-    /// A world that comes along (`office`, `room`), or a file of one.
+    /// A world that comes along (`office`, `room`), a floor drawn by lot (`floor-1` …), or a file of one.
     pub world: String,
     /// Where the drive starts: `[x, y]` or `[x, y, heading_deg]`; empty: at the world's home.
     pub start: Vec<f64>,

@@ -274,9 +274,9 @@ pub struct MapperConfig {
     pub remap_readings_max: u32,
     /// What readings pass before they are fused, in this order.
     pub filters: Vec<Filter>,
-    /// `stuck`, `lone` and `bubble` look back on so many rings.
+    /// Rings before the present one that `stuck` and `lone` look back on.
     pub filter_rings: u16,
-    /// Rings before the present one that the bubble filter looks back on.
+    /// Rings before the present one that `bubble` looks back on.
     pub bubble_rings: u16,
     /// A sonar that repeats a value over so much way, and is contradicted, is stuck, metres.
     pub stuck_after_m: f64,

@@ -1,4 +1,4 @@
-//! What a reading makes of the cells of its cone: the three rules of fusion.
+//! What a reading makes of the cells of its cone: the three rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
 use crate::config::{Fusion, MapperConfig, Noise};
 use crate::first_echo::FirstEcho;

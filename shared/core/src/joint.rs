@@ -149,6 +149,17 @@ mod tests {
         Increment { forward_m: 0.1, lateral_m: 0.0, turn_rad }
     }
 
+    /// An exact heading told a scale, whose variance is then rounding; what is left beside it must not outweigh it.
+    #[test]
+    fn a_variance_that_is_all_but_gone_goes_together_with_nothing() {
+        let mut covariance = JointCovariance::from_diagonal(&SVector::from([0.1, 0.1, 1e-4, 9e-4, 1e-18]));
+        (covariance[(0, 4)], covariance[(4, 0)]) = (6.8e-6, 6.8e-6);
+        assert!(covariance.symmetric_eigenvalues().min() < -1e-10);
+        let tidy = tidied(covariance);
+        assert!(tidy.symmetric_eigenvalues().min() > -1e-15 && tidy == tidy.transpose(), "{tidy}");
+        assert_eq!(tidy.diagonal(), covariance.diagonal());
+    }
+
     /// Ten thousand drives, each with its own scales and its own noise, spread as the covariance says.
     #[test]
     fn many_drives_spread_as_it_says() {

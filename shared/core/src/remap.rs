@@ -24,8 +24,8 @@ pub struct Remapped {
     pub readings: u64,
     /// Readings since the last fix that stay as they were: too many for memory, or the fix told of no error of the odometry.
     pub left: u64,
-    /// The verdict that a reading had, and the one that it has now, where they differ.
-    pub verdicts: Vec<(Verdict, Verdict)>,
+    /// Whose reading it was, the verdict that it had, and the one that it has now, where they differ.
+    pub verdicts: Vec<(u16, Verdict, Verdict)>,
 }
 
 /// A reading that may be fused again.
@@ -163,7 +163,7 @@ impl GridMapper {
         remapped
     }
 
-    fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(Verdict, Verdict)>) {
+    fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(u16, Verdict, Verdict)>) {
         let unpublished = self.dirty.take();
         let (mut saved, mut readings) = (Saved::default(), Vec::new());
         for layer in layers {
@@ -187,7 +187,7 @@ impl GridMapper {
                 let now = now.map(|weighed| weighed.news);
                 let verdict = |fused: Result<f64, Verdict>| fused.err().unwrap_or(Verdict::Accepted);
                 if verdict(now) != verdict(fused) {
-                    verdicts.push((verdict(fused), verdict(now)));
+                    verdicts.push((reading.transducer, verdict(fused), verdict(now)));
                 }
             }
         }
@@ -287,7 +287,7 @@ mod tests {
             let told = remapped.rectify(1000, &way[80], &after);
             assert_eq!((told.readings, told.left), (162, 0));
             assert!(cells(&remapped) == cells(&expected), "{fusion:?}");
-            told.verdicts.iter().for_each(|(before, now)| counts.change(*before, *now));
+            told.verdicts.iter().for_each(|(_, before, now)| counts.change(*before, *now));
             assert_eq!(counts, in_hindsight);
             assert!(fusion == Fusion::Covariance || !told.verdicts.is_empty(), "nothing had a second chance");
         }

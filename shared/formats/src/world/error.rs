@@ -16,7 +16,7 @@ pub enum WorldFileError {
     File(#[from] TextFileError),
     /// An ending that says nothing.
     #[error(
-        "{}: not known as a world; expected {} (which come along), .map (MobileSim), .toml (echogrid's own) or .yaml (map_server){}",
+        "{}: not known as a world; expected {} (which come along), floor-1, floor-2 ... (drawn by lot), .map (MobileSim), .toml (echogrid's own) or .yaml (map_server){}",
         path.display(),
         super::builtin_worlds().collect::<Vec<_>>().join(", "),
         near.map(|near| format!("; did you mean {near}?")).unwrap_or_default()

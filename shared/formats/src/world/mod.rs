@@ -106,7 +106,10 @@ mod tests {
             assert!(world.parts().places.home.is_some() && !world.parts().places.goals.is_empty(), "{name}");
         }
         let told = find(Path::new("ofice")).unwrap_err().to_string();
-        assert!(told.contains("office, room (which come along), ") && told.ends_with("did you mean office?"), "{told}");
+        assert!(
+            told.contains("office, room (which come along), floor-1") && told.ends_with("did you mean office?"),
+            "{told}"
+        );
     }
 
     #[test]
