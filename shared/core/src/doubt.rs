@@ -5,34 +5,34 @@
 //! of a robot that knew where it was has little; what was drawn by a lost one shows. Whatever rule fuses, what it did to a cell is
 //! seen by comparing the map before and after.
 
-use std::collections::BTreeMap;
+use serde::{Deserialize, Serialize};
 
-use crate::grid::{Grid, Tile, TileIndex};
-
-/// Tiles as they had been; none: there was none.
-pub(crate) type SavedTiles = BTreeMap<TileIndex, Option<Tile>>;
-
-/// Of a tile that both changed the elder knows how it was before both.
-pub(crate) fn elder_first(elder: &mut SavedTiles, younger: SavedTiles) {
-    for (index, tile) in younger {
-        elder.entry(index).or_insert(tile);
-    }
-}
+use crate::grid::{Grid, Tile, TileIndex, TilesBefore};
+use crate::parts::{Parts, Saved, SavedError};
 
 /// What [`Doubt`] can be taken back to.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct SavedDoubt {
-    weights: SavedTiles,
-    means: SavedTiles,
+pub(crate) struct DoubtBefore {
+    pub(crate) weights: TilesBefore,
+    pub(crate) means: TilesBefore,
 }
 
-impl SavedDoubt {
-    /// With what an elder one knows, which goes before.
-    pub(crate) fn or(mut self, younger: Self) -> Self {
-        elder_first(&mut self.weights, younger.weights);
-        elder_first(&mut self.means, younger.means);
-        self
+impl DoubtBefore {
+    /// With what a younger one changed.
+    pub(crate) fn or(self, younger: Self) -> Self {
+        Self { weights: self.weights.or(younger.weights), means: self.means.or(younger.means) }
     }
+}
+
+/// Under what the doubt is saved.
+const WEIGHTS: &str = "doubt/weights/";
+const MEANS: &str = "doubt/means/";
+
+/// How many tiles are saved.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(crate) struct DoubtTiles {
+    weights: u64,
+    means: u64,
 }
 
 /// The mean odometry error of the evidence, by cell.
@@ -84,25 +84,63 @@ impl Doubt {
     }
 
     /// From now on what changes can be taken back.
-    pub(crate) fn save_changes(&mut self) {
-        self.weights.save_changes();
-        self.means.save_changes();
+    pub(crate) fn keep_before(&mut self) {
+        self.weights.keep_before();
+        self.means.keep_before();
     }
 
     /// What changed since, as it had been.
-    pub(crate) fn take_saved(&mut self) -> SavedDoubt {
-        SavedDoubt { weights: self.weights.take_saved(), means: self.means.take_saved() }
+    pub(crate) fn take_before(&mut self) -> DoubtBefore {
+        DoubtBefore { weights: self.weights.take_before(), means: self.means.take_before() }
     }
 
-    /// Takes back what was saved, now that the map is `grid` again.
-    pub(crate) fn restore(&mut self, saved: SavedDoubt, grid: &Grid) {
-        for (index, tile) in saved.weights {
+    /// The same, while it is still kept.
+    pub(crate) fn before_mut(&mut self) -> [Option<&mut TilesBefore>; 2] {
+        [self.weights.before.as_mut(), self.means.before.as_mut()]
+    }
+
+    /// Gives what [`Doubt::take_before`] took.
+    pub(crate) fn give_before(&mut self, before: DoubtBefore) {
+        (self.weights.before, self.means.before) = (Some(before.weights), Some(before.means));
+    }
+
+    /// Takes back what changed, now that the map is `grid` again.
+    pub(crate) fn take_back(&mut self, before: DoubtBefore, grid: &Grid) {
+        for (index, tile) in before.weights.into_tiles() {
             *self.weights.tile_mut(index) = tile.unwrap_or_default();
             *self.seen.tile_mut(index) = grid.tile(index).cloned().unwrap_or_default();
         }
-        for (index, tile) in saved.means {
+        for (index, tile) in before.means.into_tiles() {
             *self.means.tile_mut(index) = tile.unwrap_or_default();
         }
+    }
+
+    /// Saves what changed since the last time.
+    pub(crate) fn save(&mut self, parts: &mut Parts) -> DoubtTiles {
+        self.weights.save(parts, WEIGHTS);
+        self.means.save(parts, MEANS);
+        DoubtTiles { weights: self.weights.tile_count() as u64, means: self.means.tile_count() as u64 }
+    }
+
+    /// What was saved, of the map `grid`: between readings the map was looked at last as it is.
+    ///
+    /// # Errors
+    /// A tile is missing, or damaged.
+    pub(crate) fn restore(
+        log_odds_prior: f64,
+        saved: &Saved,
+        tiles: DoubtTiles,
+        grid: &Grid,
+    ) -> Result<Self, SavedError> {
+        let resolution_m = grid.resolution_m();
+        let mut seen = Grid::new(resolution_m);
+        grid.tiles().for_each(|(index, tile)| *seen.tile_mut(index) = tile.clone());
+        Ok(Self {
+            seen,
+            weights: Grid::restore(resolution_m, saved, WEIGHTS, tiles.weights)?,
+            means: Grid::restore(resolution_m, saved, MEANS, tiles.means)?,
+            ..Self::new(resolution_m, log_odds_prior)
+        })
     }
 }
 

@@ -53,7 +53,7 @@ pub(crate) struct Fuser {
     seed: u64,
     kernel: Kernel,
     first_echo: FirstEchoKernel,
-    novelty: Novelty,
+    pub(crate) novelty: Novelty,
 }
 
 impl Fuser {

@@ -2,6 +2,8 @@
 
 use core::f64::consts::PI;
 
+use serde::{Deserialize, Serialize};
+
 use crate::config::OdometryConfig;
 use crate::joint::{self, JointCovariance, Scales};
 use crate::kalman::Innovation;
@@ -47,7 +49,7 @@ impl Gate {
 }
 
 /// Where the robot would be by the last fix that was refused.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Doubted {
     pose: Pose2,
     covariance: JointCovariance,

@@ -3,7 +3,11 @@
 //! The grid grows in every direction by adding tiles; no cell is ever copied. Unknown is a state
 //! of its own: a cell that no reading touched is NaN, never 0 (which is evidence that cancelled).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map};
+
+use serde::{Deserialize, Serialize};
+
+use crate::parts::{Parts, Saved, SavedError};
 
 /// Cells along the side of a tile.
 pub const TILE_SIDE: usize = 64;
@@ -23,7 +27,7 @@ pub struct CellIndex {
 }
 
 /// A tile: covers the cells i in [64 x, 64 x + 63], j in [64 y, 64 y + 63]. Ordered by row (y), then x.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct TileIndex {
     /// Along x.
     pub x: i32,
@@ -97,9 +101,77 @@ impl Tile {
     }
 }
 
+/// Of a saved tile: its revision, and its cells as they are.
+const TILE_BYTES: usize = size_of::<u64>() + TILE_CELLS * size_of::<f32>();
+
+impl Tile {
+    /// `bytes` with this tile after them, every bit of it.
+    pub(crate) fn append_to(&self, mut bytes: Vec<u8>) -> Vec<u8> {
+        bytes.reserve(TILE_BYTES);
+        bytes.extend_from_slice(&self.revision.to_le_bytes());
+        bytes.extend(self.log_odds.iter().flat_map(|value| value.to_le_bytes()));
+        bytes
+    }
+
+    /// The tile that `bytes`, of this part, begin with, and what comes after it.
+    pub(crate) fn take_from<'a>(part: &str, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), SavedError> {
+        let (revision, rest) = bytes.split_first_chunk().ok_or_else(|| SavedError::new(part, "shorter than a tile"))?;
+        let (cells, rest) = rest
+            .split_at_checked(TILE_BYTES - size_of::<u64>())
+            .ok_or_else(|| SavedError::new(part, "shorter than a tile"))?;
+        let mut tile = Self { revision: u64::from_le_bytes(*revision), ..Self::default() };
+        for (value, bytes) in tile.log_odds.iter_mut().zip(cells.as_chunks().0) {
+            *value = f32::from_le_bytes(*bytes);
+        }
+        Ok((tile, rest))
+    }
+}
+
 impl Default for Tile {
     fn default() -> Self {
         Self { revision: 0, log_odds: Box::new([UNKNOWN; TILE_CELLS]) }
+    }
+}
+
+/// Tiles as they had been before they were first written to.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct TilesBefore {
+    /// None: there was none.
+    tiles: BTreeMap<TileIndex, Option<Tile>>,
+    /// Those that are not saved yet, once each.
+    unsaved: Vec<TileIndex>,
+}
+
+impl TilesBefore {
+    fn keep(&mut self, index: TileIndex, tile: impl FnOnce() -> Option<Tile>) {
+        if let btree_map::Entry::Vacant(vacant) = self.tiles.entry(index) {
+            vacant.insert(tile());
+            self.unsaved.push(index);
+        }
+    }
+
+    /// Of a tile that both changed the elder knows how it was before both.
+    pub(crate) fn or(mut self, younger: Self) -> Self {
+        for (index, tile) in younger.tiles {
+            self.tiles.entry(index).or_insert(tile);
+        }
+        self
+    }
+
+    /// Row by row.
+    pub(crate) fn into_tiles(self) -> impl Iterator<Item = (TileIndex, Option<Tile>)> {
+        self.tiles.into_iter()
+    }
+
+    /// Those that were not saved yet.
+    pub(crate) fn take_unsaved(&mut self) -> Vec<(TileIndex, Option<&Tile>)> {
+        let unsaved = std::mem::take(&mut self.unsaved).into_iter();
+        unsaved.map(|index| (index, self.tiles.get(&index).and_then(Option::as_ref))).collect()
+    }
+
+    /// One that was saved.
+    pub(crate) fn insert_saved(&mut self, index: TileIndex, tile: Option<Tile>) {
+        self.tiles.insert(index, tile);
     }
 }
 
@@ -107,16 +179,25 @@ impl Default for Tile {
 #[derive(Debug, Clone)]
 pub struct Grid {
     resolution_m: f64,
-    tiles: BTreeMap<TileIndex, Tile>,
-    /// Each tile that changed since, as it had been; none: it did not exist.
-    saved: Option<BTreeMap<TileIndex, Option<Tile>>>,
+    tiles: BTreeMap<TileIndex, Slot>,
+    /// Tiles that were written to since the grid was saved, once each.
+    unsaved: Vec<TileIndex>,
+    /// What a fix may take the grid back to; none: it may not.
+    pub(crate) before: Option<TilesBefore>,
+}
+
+#[derive(Debug, Clone, Default)]
+struct Slot {
+    tile: Tile,
+    /// It is among those to be saved.
+    is_listed: bool,
 }
 
 impl Grid {
     /// An empty grid: every cell unknown. `resolution_m` is the side of a cell.
     #[must_use]
     pub fn new(resolution_m: f64) -> Self {
-        Self { resolution_m, tiles: BTreeMap::new(), saved: None }
+        Self { resolution_m, tiles: BTreeMap::new(), unsaved: Vec::new(), before: None }
     }
 
     /// Side of a cell, metres.
@@ -140,37 +221,74 @@ impl Grid {
     /// Log-odds of a cell; none where no reading touched it.
     #[must_use]
     pub fn log_odds(&self, cell: CellIndex) -> Option<f32> {
-        let value = self.tiles.get(&cell.tile())?.log_odds[cell.offset_in_tile()];
+        let value = self.tile(cell.tile())?.log_odds[cell.offset_in_tile()];
         (!value.is_nan()).then_some(value)
     }
 
     /// All tiles, row by row.
     pub fn tiles(&self) -> impl Iterator<Item = (TileIndex, &Tile)> {
-        self.tiles.iter().map(|(index, tile)| (*index, tile))
+        self.tiles.iter().map(|(index, slot)| (*index, &slot.tile))
     }
 
     /// One tile.
     #[must_use]
     pub fn tile(&self, index: TileIndex) -> Option<&Tile> {
-        self.tiles.get(&index)
+        self.tiles.get(&index).map(|slot| &slot.tile)
     }
 
     /// One tile to write to; created unknown if absent.
     pub fn tile_mut(&mut self, index: TileIndex) -> &mut Tile {
-        if let Some(saved) = &mut self.saved {
-            saved.entry(index).or_insert_with(|| self.tiles.get(&index).cloned());
+        if let Some(before) = &mut self.before {
+            before.keep(index, || self.tiles.get(&index).map(|slot| slot.tile.clone()));
         }
-        self.tiles.entry(index).or_default()
+        let slot = self.tiles.entry(index).or_default();
+        if !slot.is_listed {
+            slot.is_listed = true;
+            self.unsaved.push(index);
+        }
+        &mut slot.tile
     }
 
-    /// From now on each tile is saved before it is written to for the first time; what was saved before is forgotten.
-    pub(crate) fn save_changes(&mut self) {
-        self.saved = Some(BTreeMap::new());
+    /// From now on each tile is kept as it is before it is written to for the first time; what was kept so far is forgotten.
+    pub(crate) fn keep_before(&mut self) {
+        self.before = Some(TilesBefore::default());
     }
 
-    /// What was saved: each tile that changed, as it had been, or none if it did not exist. Nothing more is saved.
-    pub(crate) fn take_saved(&mut self) -> BTreeMap<TileIndex, Option<Tile>> {
-        self.saved.take().unwrap_or_default()
+    /// What was kept: each tile that changed, as it had been. Nothing more is kept.
+    pub(crate) fn take_before(&mut self) -> TilesBefore {
+        self.before.take().unwrap_or_default()
+    }
+
+    /// Saves the tiles that were written to since the last time, under names that begin with `prefix`.
+    pub(crate) fn save(&mut self, parts: &mut Parts, prefix: &str) {
+        for index in std::mem::take(&mut self.unsaved) {
+            if let Some(slot) = self.tiles.get_mut(&index) {
+                slot.is_listed = false;
+                parts.put_checked(format!("{prefix}{}/{}", index.x, index.y), slot.tile.append_to(Vec::new()));
+            }
+        }
+    }
+
+    /// The grid of `tiles` tiles that was saved under such names.
+    ///
+    /// # Errors
+    /// A tile is missing, damaged, or not one.
+    pub(crate) fn restore(resolution_m: f64, saved: &Saved, prefix: &str, tiles: u64) -> Result<Self, SavedError> {
+        let mut grid = Self::new(resolution_m);
+        for (name, _) in saved.under(prefix) {
+            let of_name = || {
+                let (x, y) = name.strip_prefix(prefix)?.split_once('/')?;
+                Some(TileIndex { x: x.parse().ok()?, y: y.parse().ok()? })
+            };
+            let index = of_name().ok_or_else(|| SavedError::new(name, "not the name of a tile"))?;
+            let (tile, rest) = Tile::take_from(name, saved.checked(name)?)?;
+            if !rest.is_empty() {
+                return Err(SavedError::new(name, "longer than a tile"));
+            }
+            grid.tiles.insert(index, Slot { tile, is_listed: false });
+        }
+        let found = grid.tiles.len() as u64;
+        if found == tiles { Ok(grid) } else { Err(SavedError::new(prefix, format!("{found} tiles of {tiles}"))) }
     }
 
     /// How many tiles there are.
@@ -199,7 +317,7 @@ pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
 }
 
 /// The tiles that changed since somebody last asked: a set, kept in the order of [`TileIndex`].
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct DirtyTiles {
     sorted: Vec<TileIndex>,
 }

@@ -5,6 +5,7 @@
 //! way, and an error of heading grows into one of position.
 
 use nalgebra::{Matrix3, SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::config::{OdometryConfig, Systematic};
 use crate::odometry::Increment;
@@ -17,7 +18,7 @@ pub type JointCovariance = SMatrix<f64, 5, 5>;
 const SCALE_MAX: f64 = 0.5;
 
 /// What the drive is believed to measure too much, as a share of what it measures: 0.03 where 1 m is 0.97 m in truth.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scales {
     /// Of translation.
     pub lin: f64,

@@ -2,13 +2,17 @@
 
 use std::collections::VecDeque;
 
+use serde::{Deserialize, Serialize};
+
+use crate::chunks::Chunks;
+use crate::parts::{Parts, Saved, SavedError};
 use crate::pose::Pose2;
 use crate::reading::Reading;
 use crate::sensor_model::Deviations;
 use crate::verdict::Verdict;
 
 /// A reading with all that its fusion depends on, besides the map.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct KeptReading {
     /// Number of its scan.
     pub sequence: u64,
@@ -31,11 +35,23 @@ pub struct KeptReadings {
     readings: VecDeque<KeptReading>,
     /// Older ones that were given up.
     given_up: u64,
+    chunks: Chunks,
+}
+
+/// Under what they are saved, by so many.
+const PREFIX: &str = "kept/";
+const CHUNK: u64 = 1024;
+
+/// What is saved besides the readings.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+pub(crate) struct KeptState {
+    given_up: u64,
+    next_place: u64,
 }
 
 impl KeptReadings {
     pub(crate) fn new(max: usize) -> Self {
-        Self { max, readings: VecDeque::new(), given_up: 0 }
+        Self { max, readings: VecDeque::new(), given_up: 0, chunks: Chunks::new(CHUNK) }
     }
 
     /// The oldest first.
@@ -67,6 +83,23 @@ impl KeptReadings {
         let index = place.checked_sub(self.given_up).and_then(|index| usize::try_from(index).ok());
         if let Some(slot) = index.and_then(|index| self.readings.get_mut(index)) {
             *slot = reading;
+            self.chunks.replace(place);
         }
+    }
+
+    /// Saves what changed since the last time.
+    pub(crate) fn save(&mut self, parts: &mut Parts) -> KeptState {
+        self.chunks.save(parts, PREFIX, self.given_up, &self.readings);
+        KeptState { given_up: self.given_up, next_place: self.next_place() }
+    }
+
+    /// What was saved, of at most `max`.
+    ///
+    /// # Errors
+    /// A part is missing, or damaged.
+    pub(crate) fn restore(max: usize, saved: &Saved, state: KeptState) -> Result<Self, SavedError> {
+        let KeptState { given_up, next_place } = state;
+        let (chunks, readings) = Chunks::restore(CHUNK, saved, PREFIX, given_up, next_place)?;
+        Ok(Self { max, readings, given_up, chunks })
     }
 }

@@ -7,6 +7,7 @@
 
 pub mod angle;
 pub mod calibration;
+pub mod chunks;
 pub mod config;
 mod doubt;
 mod filter;
@@ -25,6 +26,7 @@ pub mod mapping;
 pub mod noise;
 pub mod novelty;
 pub mod odometry;
+pub mod parts;
 pub mod pose;
 pub mod quality;
 pub mod raster;
@@ -43,15 +45,17 @@ pub mod world;
 
 pub use angle::wrap_angle;
 pub use calibration::{Calibration, CalibrationError, Trial};
+pub use chunks::Chunks;
 pub use config::{ConfigError, MapperConfig, OdometryConfig};
 pub use gate::Gate;
 pub use grid::{CellIndex, Grid, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
 pub use joint::{JointCovariance, Scales};
 pub use landmarks::{Landmark, Localization, Sighting, TriangulationError, triangulate};
 pub use localization::{Fix, LocalizationConfig};
-pub use mapping::GridMapper;
+pub use mapping::{GridMapper, RestoreError};
 pub use nalgebra::Matrix3;
 pub use odometry::{ErrorModel, Estimate, Increment, Odometry, OdometryErrors, move_by};
+pub use parts::{Parts, Saved, SavedError};
 pub use pose::Pose2;
 pub use quality::{Quality, QualityError};
 pub use raster::Raster;

@@ -123,7 +123,7 @@ impl LocalizationConfig {
 }
 
 /// Why a localization is asked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[repr(u32)]
 pub enum Reason {
     /// The state is degraded.
@@ -142,7 +142,7 @@ impl Display for Reason {
 }
 
 /// When to ask. Depends on stamps and distances alone, so that a replay asks where the run did.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Asking {
     config: LocalizationConfig,
     /// Stamp and odometer of the last fix, or of the start.
@@ -194,7 +194,7 @@ fn nanoseconds(seconds: f64) -> u64 {
 }
 
 /// An absolute localization: where the robot was, as seen by something that does not drift.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fix {
     /// `map_from_base`; what is not known of it says nothing.
     pub pose: Pose2,

@@ -1,5 +1,7 @@
 //! Algorithm 1: occupancy grid mapping.
 
+mod saving;
+
 use crate::config::{ConfigError, MapperConfig, NoEcho, Noise};
 use crate::doubt::Doubt;
 use crate::filter::{Chain, Channel, channels, range_of};
@@ -13,10 +15,14 @@ use crate::robot::Robot;
 use crate::sonar_maps::SonarMaps;
 use crate::verdict::Verdict;
 
+pub use saving::RestoreError;
+
 /// Fuses readings into an occupancy grid.
 #[derive(Debug, Clone)]
 pub struct GridMapper {
     config: MapperConfig,
+    /// Of what it is made, in a number.
+    settings: u32,
     channels: Vec<Option<Channel>>,
     chain: Chain,
     pub(crate) grid: Grid,
@@ -45,6 +51,7 @@ impl GridMapper {
         let mut doubt = mapper.doubt.then(|| Doubt::new(mapper.resolution_m, mapper.log_odds_prior));
         Ok(Self {
             config: mapper.clone(),
+            settings: saving::settings(mapper, noise, seed, &robot),
             chain: Chain::new(mapper, &channels),
             channels,
             fuser: Fuser::new(mapper, noise, seed),

@@ -6,6 +6,8 @@
 //! one place counts like ten readings, nine of them within the first second at 25 Hz, and whoever moves a tenth of `novelty_m` from
 //! reading to reading loses nothing. To and fro is no way.
 
+use serde::{Deserialize, Serialize};
+
 use crate::angle::wrap_angle;
 use crate::pose::Pose2;
 
@@ -15,14 +17,14 @@ const LEFT: f64 = 0.9;
 const LEVER_M: f64 = 1.0;
 
 /// How much of what each transducer says is new.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Novelty {
     /// By number of the transducer.
     places: Vec<Option<Place>>,
 }
 
 /// Where a transducer has been speaking from.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Place {
     begun: Pose2,
     /// How far it has got from there.

@@ -5,6 +5,7 @@
 //! in the map and how much doubt has gathered since it last knew.
 
 use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
 use crate::config::{OdometryConfig, Systematic};
@@ -65,7 +66,7 @@ pub fn move_by(pose: Pose2, increment: Increment) -> Pose2 {
 }
 
 /// What the odometry may be wrong by since the last absolute fix.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct OdometryErrors {
     /// E_lin: systematic linear error, metres (eq 1); 0 unless systematic errors are carried.
     pub e_lin_m: f64,
@@ -78,7 +79,7 @@ pub struct OdometryErrors {
 }
 
 /// Eqs 1–4: the errors as functions of the way travelled and turned.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ErrorModel {
     config: OdometryConfig,
 }
@@ -112,7 +113,7 @@ impl ErrorModel {
 }
 
 /// Where the robot is believed to be, and how far to believe it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// `map_from_base`.
     pub pose: Pose2,
@@ -193,7 +194,7 @@ impl Estimate {
 }
 
 /// Dead reckoning: the state that turns odometry poses into estimates.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Odometry {
     model: ErrorModel,
     last: Option<(Pose2, Estimate)>,

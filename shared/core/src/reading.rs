@@ -1,7 +1,9 @@
 //! What a range sensor says.
 
+use serde::{Deserialize, Serialize};
+
 /// A reading is one of three things, never a magic number.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Echo {
     /// Something answered at this range, metres from the transducer.
     Hit {
@@ -15,7 +17,7 @@ pub enum Echo {
 }
 
 /// One reading of one transducer (a sonar, or one beam of a lidar).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Index into the robot's transducers (see [`crate::Robot::transducer`]).
     pub transducer: u16,

@@ -1,18 +1,24 @@
 //! What a fix makes of the map: readings since the last one are taken out again and fused where the robot was in hindsight.
 //!
 //! Evidence can't be subtracted (it is clamped, and fusion may depend on the map so far), so it is taken out by restoring the
-//! tiles as they were. They are saved the first time that they change; the readings since are kept. Both are kept in layers,
+//! tiles as they were. They are copied before they change for the first time; the readings since are kept. Both are kept in layers,
 //! of which the oldest is given up when there are too many readings: its evidence stays as it is.
+
+mod layer;
 
 use std::collections::VecDeque;
 
-use crate::doubt::{Doubt, SavedDoubt, SavedTiles, elder_first};
+use serde::{Deserialize, Serialize};
+
+use crate::doubt::Doubt;
 use crate::grid::Grid;
 use crate::mapping::GridMapper;
 use crate::odometry::Estimate;
+use crate::parts::{Parts, Saved, SavedError};
 use crate::reading::Reading;
 use crate::smoothing::smooth;
 use crate::verdict::Verdict;
+use layer::{Before, Kept, Layer};
 
 /// A quarter of what is kept goes at once: all of it would leave a fix nothing to mend.
 const LAYERS: usize = 4;
@@ -28,83 +34,68 @@ pub struct Remapped {
     pub verdicts: Vec<(u16, Verdict, Verdict)>,
 }
 
-/// A reading that may be fused again.
-#[derive(Debug, Clone, Copy)]
-struct Kept {
-    sequence: u64,
-    reading: Reading,
-    /// How much of it was new, or why it was refused.
-    fused: Result<f64, Verdict>,
-    /// Its estimate, of those of the layer.
-    at: usize,
-    /// Its place among the kept readings, if these are kept.
-    place: u64,
-}
-
-/// Map and doubt as they had been.
-#[derive(Debug, Clone, Default)]
-struct Saved {
-    map: SavedTiles,
-    doubt: SavedDoubt,
-}
-
-impl Saved {
-    fn begin(grid: &mut Grid, doubt: Option<&mut Doubt>) {
-        grid.save_changes();
-        if let Some(doubt) = doubt {
-            doubt.save_changes();
-        }
-    }
-
-    fn take(grid: &mut Grid, doubt: Option<&mut Doubt>) -> Self {
-        Self { map: grid.take_saved(), doubt: doubt.map(Doubt::take_saved).unwrap_or_default() }
-    }
-
-    /// With what a younger layer changed.
-    fn or(mut self, younger: Self) -> Self {
-        elder_first(&mut self.map, younger.map);
-        Self { map: self.map, doubt: self.doubt.or(younger.doubt) }
-    }
-}
-
-#[derive(Debug, Clone, Default)]
-struct Layer {
-    /// What this layer changed, as it had been before.
-    saved: Saved,
-    /// Readings of one moment share their estimate.
-    estimates: Vec<Estimate>,
-    readings: Vec<Kept>,
-}
-
 /// What can be taken out of the map again.
 #[derive(Debug, Clone)]
 pub(crate) struct Journal {
     readings_max: usize,
-    /// Never empty. What the last one saved is still with the grid.
+    /// Never empty. How the map was before the last one is still with the grid.
     layers: VecDeque<Layer>,
     /// Readings of layers that were given up.
     left: u64,
+    /// Number of the first layer: no other is, was or will be called so.
+    first: u64,
+    /// Layers that are gone, with how many parts each was saved in.
+    gone: Vec<(u64, u64)>,
+}
+
+/// What is saved of a journal besides its layers.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct JournalState {
+    first: u64,
+    left: u64,
+    /// How many parts each layer is in.
+    parts: Vec<u64>,
 }
 
 impl Journal {
     /// Of at most so many readings in `grid`.
     pub(crate) fn new(readings_max: usize, grid: &mut Grid, doubt: Option<&mut Doubt>) -> Self {
-        Saved::begin(grid, doubt);
-        Self { readings_max, layers: VecDeque::from([Layer::default()]), left: 0 }
+        Before::begin(grid, doubt);
+        Self { readings_max, layers: VecDeque::from([Layer::default()]), left: 0, first: 0, gone: Vec::new() }
+    }
+
+    /// All layers; it begins again with an empty one.
+    fn take_layers(&mut self, grid: &mut Grid, mut doubt: Option<&mut Doubt>) -> VecDeque<Layer> {
+        if let Some(last) = self.layers.back_mut() {
+            last.before = Before::take(grid, doubt.as_deref_mut());
+        }
+        let layers = std::mem::replace(&mut self.layers, VecDeque::from([Layer::default()]));
+        layers.iter().for_each(|layer| self.forget_first(layer));
+        self.left = 0;
+        layers
+    }
+
+    /// The first layer is gone.
+    fn forget_first(&mut self, layer: &Layer) {
+        if layer.parts() > 0 {
+            self.gone.push((self.first, layer.parts()));
+        }
+        self.first += 1;
     }
 
     /// Before one more reading is fused.
     pub(crate) fn make_room(&mut self, grid: &mut Grid, mut doubt: Option<&mut Doubt>) {
         let full = |layer: &Layer| layer.readings.len() >= (self.readings_max / LAYERS).max(1);
         if let Some(last) = self.layers.back_mut().filter(|layer| full(layer)) {
-            last.saved = Saved::take(grid, doubt.as_deref_mut());
+            last.before = Before::take(grid, doubt.as_deref_mut());
             self.layers.push_back(Layer::default());
-            Saved::begin(grid, doubt);
+            Before::begin(grid, doubt);
         }
         let kept = |layers: &VecDeque<Layer>| layers.iter().map(|layer| layer.readings.len()).sum::<usize>();
         while self.layers.len() > 1 && kept(&self.layers) >= self.readings_max {
             let oldest = self.layers.pop_front().unwrap_or_default();
             self.left += oldest.readings.len() as u64;
+            self.forget_first(&oldest);
         }
     }
 
@@ -125,6 +116,41 @@ impl Journal {
             let at = layer.estimates.len() - 1;
             layer.readings.push(Kept { sequence, reading: *reading, fused, at, place });
         }
+    }
+
+    /// Saves what came since the last time.
+    pub(crate) fn save(&mut self, parts: &mut Parts, grid: &mut Grid, mut doubt: Option<&mut Doubt>) -> JournalState {
+        for (layer, count) in std::mem::take(&mut self.gone) {
+            (0..count).for_each(|part| parts.remove(layer::name(layer, part)));
+        }
+        let last = self.layers.len() - 1;
+        for ((number, layer), at) in (self.first..).zip(&mut self.layers).zip(0..) {
+            if at == last {
+                layer.save_open(parts, number, grid, doubt.as_deref_mut());
+            } else {
+                layer.save_closed(parts, number);
+            }
+        }
+        let counts = self.layers.iter().map(Layer::parts).collect();
+        JournalState { first: self.first, left: self.left, parts: counts }
+    }
+
+    /// What was saved of a journal of at most so many readings in `grid`.
+    ///
+    /// # Errors
+    /// A part of it is missing, or damaged.
+    pub(crate) fn restore(
+        readings_max: usize,
+        saved: &Saved,
+        state: JournalState,
+        grid: &mut Grid,
+        doubt: Option<&mut Doubt>,
+    ) -> Result<Self, SavedError> {
+        let layers = (state.first..).zip(state.parts).map(|(number, parts)| Layer::restore(saved, number, parts));
+        let mut layers = layers.collect::<Result<VecDeque<_>, _>>()?;
+        let last = layers.back_mut().ok_or_else(|| SavedError::new("remap", "no layers"))?;
+        std::mem::take(&mut last.before).give(grid, doubt);
+        Ok(Self { readings_max, layers, left: state.left, first: state.first, gone: Vec::new() })
     }
 }
 
@@ -148,34 +174,32 @@ impl GridMapper {
     pub fn rectify(&mut self, revision: u64, before: &Estimate, after: &Estimate) -> Remapped {
         let Some(mut journal) = self.journal.take() else { return Remapped::default() };
         let mut remapped = Remapped { left: journal.left, ..Remapped::default() };
-        let kept: usize = journal.layers.iter().map(|layer| layer.readings.len()).sum();
-        let saved = Saved::take(&mut self.grid, self.doubt.as_mut());
-        if let Some(last) = journal.layers.back_mut() {
-            last.saved = saved;
-        }
-        if in_hindsight(&mut journal.layers, before, after).is_some() {
+        let mut layers = journal.take_layers(&mut self.grid, self.doubt.as_mut());
+        let kept: usize = layers.iter().map(|layer| layer.readings.len()).sum();
+        if in_hindsight(&mut layers, before, after).is_some() {
             remapped.readings = kept as u64;
-            self.fuse_again(revision, journal.layers, &mut remapped.verdicts);
+            self.fuse_again(revision, layers, &mut remapped.verdicts);
         } else {
             remapped.left += kept as u64;
         }
-        self.journal = Some(Journal::new(journal.readings_max, &mut self.grid, self.doubt.as_mut()));
+        Before::begin(&mut self.grid, self.doubt.as_mut());
+        self.journal = Some(journal);
         remapped
     }
 
     fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(u16, Verdict, Verdict)>) {
         let unpublished = self.dirty.take();
-        let (mut saved, mut readings) = (Saved::default(), Vec::new());
+        let (mut before, mut readings) = (Before::default(), Vec::new());
         for layer in layers {
-            saved = saved.or(layer.saved);
+            before = before.or(layer.before);
             readings.push((layer.estimates, layer.readings));
         }
-        for (index, tile) in saved.map {
+        for (index, tile) in before.map.into_tiles() {
             *self.grid.tile_mut(index) = tile.unwrap_or_default();
             self.dirty.insert(index);
         }
         if let Some(doubt) = &mut self.doubt {
-            doubt.restore(saved.doubt, &self.grid);
+            doubt.take_back(before.doubt, &self.grid);
         }
         for (estimates, readings) in readings {
             for Kept { sequence, reading, fused, at, place } in readings {

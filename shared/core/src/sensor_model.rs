@@ -2,6 +2,7 @@
 //! precision, one cell at a time; [`crate::kernel`] is the fast way to the same numbers.
 
 use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
 
 use crate::noise::NoiseTerms;
 use crate::odometry::OdometryErrors;
@@ -10,7 +11,7 @@ use crate::odometry::OdometryErrors;
 pub const BAND: f64 = 2.0;
 
 /// The deviations of a reading, and what they leave of its weight.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Deviations {
     /// σ_z, metres: how far off the range may be (eq 22).
     pub sigma_z_m: f64,

@@ -4,13 +4,28 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use crate::grid::{DirtyTiles, Grid, TileIndex};
+use crate::parts::{Parts, Saved, SavedError};
 
 /// A grid per sonar, by its number.
 #[derive(Debug, Clone)]
 pub(crate) struct SonarMaps {
     resolution_m: f64,
     maps: BTreeMap<u16, (Grid, DirtyTiles)>,
+}
+
+/// What is saved of a sonar besides the tiles.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct SonarState {
+    sonar: u16,
+    tiles: u64,
+    dirty: DirtyTiles,
+}
+
+fn prefix(sonar: u16) -> String {
+    format!("sonar/{sonar}/")
 }
 
 impl SonarMaps {
@@ -38,5 +53,25 @@ impl SonarMaps {
             dirty.take().into_iter().map(move |tile| (sonar, tile))
         };
         self.maps.iter_mut().flat_map(tiles).collect()
+    }
+
+    /// Saves what changed since the last time.
+    pub(crate) fn save(&mut self, parts: &mut Parts) -> Vec<SonarState> {
+        let state = |(sonar, (grid, dirty)): (&u16, &mut (Grid, DirtyTiles))| {
+            grid.save(parts, &prefix(*sonar));
+            SonarState { sonar: *sonar, tiles: grid.tile_count() as u64, dirty: dirty.clone() }
+        };
+        self.maps.iter_mut().map(state).collect()
+    }
+
+    /// What was saved, with cells of `resolution_m`.
+    ///
+    /// # Errors
+    /// A tile is missing, or damaged.
+    pub(crate) fn restore(resolution_m: f64, saved: &Saved, states: Vec<SonarState>) -> Result<Self, SavedError> {
+        let map = |SonarState { sonar, tiles, dirty }| {
+            Ok((sonar, (Grid::restore(resolution_m, saved, &prefix(sonar), tiles)?, dirty)))
+        };
+        Ok(Self { resolution_m, maps: states.into_iter().map(map).collect::<Result<_, SavedError>>()? })
     }
 }

@@ -1,7 +1,9 @@
 //! What became of a reading.
 
+use serde::{Deserialize, Serialize};
+
 /// Every reading leaves with one of these. The codes are stable: they are sent and recorded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum Verdict {
     /// It is in the map.
@@ -113,7 +115,7 @@ impl core::fmt::Display for Verdict {
 }
 
 /// How many readings got which verdict.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct VerdictCounts {
     counts: [u64; Verdict::COUNT],
 }

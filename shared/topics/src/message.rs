@@ -10,6 +10,7 @@ use echogrid_core::{
     CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex,
 };
 use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
 
 use crate::topic::Topic;
 use crate::wire::{
@@ -50,7 +51,7 @@ pub struct Fault {
 }
 
 /// A pose as the drive reports it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RawOdometry {
     /// In the odometry frame.
     pub odom_from_base: Pose2,
@@ -61,7 +62,7 @@ pub struct RawOdometry {
 }
 
 /// A pose in the map frame, and how far to trust it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PoseEstimate {
     /// Pose, covariance, accumulated errors.
     pub estimate: Estimate,
@@ -76,7 +77,7 @@ pub struct PoseEstimate {
 }
 
 /// Where the robot really is.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TruePose {
     /// None: not known at this time.
     pub map_from_base: Option<Pose2>,
@@ -92,7 +93,7 @@ pub struct TrueWorld {
 }
 
 /// An absolute localization is wanted, of the stamp of the message.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LocalizationRequest {
     /// 1, 2, 3 …
     pub id: u64,
@@ -103,7 +104,7 @@ pub struct LocalizationRequest {
 }
 
 /// Where the robot was at the stamp of the message.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LocalizationFix {
     /// The request that it answers; 0: nobody asked.
     pub request: u64,

@@ -1,5 +1,7 @@
 //! What one reading says about the plane: its cone is empty up to the arc that the echo came from.
 
+use serde::{Deserialize, Serialize};
+
 use crate::pose::Pose2;
 
 /// Where on the arc it is looked at, as shares of half the aperture.
@@ -7,8 +9,9 @@ const SAMPLES: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// A point this little beyond the rim of a cone is still in it: a share of half the aperture's cosine.
 const RIM: f64 = 1e-9;
 
-/// A reading of a sonar in the map frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A reading of a sonar in the map frame. It is saved as what it was made of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(from = "Heard", into = "Heard")]
 pub(crate) struct Claim {
     /// Whose.
     pub(crate) transducer: u16,
@@ -16,12 +19,37 @@ pub(crate) struct Claim {
     pub(crate) range_m: f64,
     /// Where the transducer was, metres.
     pub(crate) origin: [f64; 2],
-    /// Where it looked: a unit vector.
+    /// Where it looked, radians, and as a unit vector.
+    theta: f64,
     axis: [f64; 2],
+    /// Full aperture, radians.
+    aperture_rad: f64,
     sin_half: f64,
     cos_half: f64,
     /// Of the arc, metres.
     samples: [[f64; 2]; 5],
+}
+
+/// What makes a claim.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Heard {
+    transducer: u16,
+    range_m: f64,
+    map_from_transducer: Pose2,
+    aperture_rad: f64,
+}
+
+impl From<Heard> for Claim {
+    fn from(heard: Heard) -> Self {
+        Self::new(heard.transducer, heard.map_from_transducer, heard.range_m, heard.aperture_rad)
+    }
+}
+
+impl From<Claim> for Heard {
+    fn from(claim: Claim) -> Self {
+        let Claim { transducer, range_m, origin: [x, y], theta, aperture_rad, .. } = claim;
+        Self { transducer, range_m, map_from_transducer: Pose2 { x, y, theta }, aperture_rad }
+    }
 }
 
 /// A circle, metres.
@@ -51,7 +79,8 @@ impl Claim {
             let (sin, cos) = libm::sincos(map_from_transducer.theta + share * half_rad);
             [origin[0] + range_m * cos, origin[1] + range_m * sin]
         });
-        Self { transducer, range_m, origin, axis: [cos, sin], sin_half, cos_half, samples }
+        let (theta, axis) = (map_from_transducer.theta, [cos, sin]);
+        Self { transducer, range_m, origin, theta, axis, aperture_rad, sin_half, cos_half, samples }
     }
 
     /// Where the echo came from if it came from the axis, metres.

@@ -26,7 +26,8 @@ mod tests;
 pub(crate) use channel::{Channel, channels};
 use claim::Claim;
 pub(crate) use range::range_of;
-use ring::Ring;
+use ring::{Past, Ring};
+use serde::{Deserialize, Serialize};
 use stuck::Health;
 
 use crate::config::{Filter, MapperConfig};
@@ -34,6 +35,13 @@ use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::robot::SensorKind;
 use crate::verdict::Verdict;
+
+/// What the filters remember from scan to scan.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct Memory {
+    past: Past,
+    health: Health,
+}
 
 /// The filters in their order, and what they remember.
 #[derive(Debug, Clone)]
@@ -63,6 +71,16 @@ impl Chain {
             ),
             health: Health::default(),
         }
+    }
+
+    /// All that what comes depends on, besides the configuration.
+    pub(crate) fn memory(&self) -> Memory {
+        Memory { past: self.ring.past.clone(), health: self.health.clone() }
+    }
+
+    /// What it remembered once, again.
+    pub(crate) fn remember(&mut self, memory: Memory) {
+        (self.ring.past, self.health) = (memory.past, memory.health);
     }
 
     /// Why a single reading is refused, if it is, by the filters that look at no other.

@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 
+use serde::{Deserialize, Serialize};
+
 use super::claim::Claim;
 use crate::odometry::Estimate;
 use crate::verdict::Verdict;
@@ -26,7 +28,7 @@ pub(crate) struct Standing {
 }
 
 /// A claim of a scan before.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Witness {
     claim: Claim,
     supported: bool,
@@ -36,28 +38,27 @@ struct Witness {
 #[derive(Debug, Clone)]
 pub(crate) struct Ring {
     pub(crate) present: Vec<Standing>,
-    past: VecDeque<Vec<Witness>>,
+    pub(crate) past: Past,
     /// So many rings are remembered.
     memory: usize,
     bubble_memory: usize,
     tolerance_m: f64,
     /// Somebody was refused who may have supported others.
     stale: bool,
+}
+
+/// What is remembered from scan to scan.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct Past {
+    /// The latest first.
+    rings: VecDeque<Vec<Witness>>,
     before: Option<Estimate>,
 }
 
 impl Ring {
     /// Claims whose arcs come within `tolerance_m` (metres) support each other.
     pub(crate) fn new(memory: usize, bubble_memory: usize, tolerance_m: f64) -> Self {
-        Self {
-            present: Vec::new(),
-            past: VecDeque::new(),
-            memory,
-            bubble_memory,
-            tolerance_m,
-            stale: true,
-            before: None,
-        }
+        Self { present: Vec::new(), past: Past::default(), memory, bubble_memory, tolerance_m, stale: true }
     }
 
     /// A scan begins.
@@ -68,10 +69,10 @@ impl Ring {
         self.stale = true;
         if let Some(estimate) = estimate {
             // A fix moves the robot, and not what it heard before.
-            if self.before.is_some_and(|before| before.fixes != estimate.fixes && jump_m(&before) > JUMP_M) {
-                self.past.clear();
+            if self.past.before.is_some_and(|before| before.fixes != estimate.fixes && jump_m(&before) > JUMP_M) {
+                self.past.rings.clear();
             }
-            self.before = Some(*estimate);
+            self.past.before = Some(*estimate);
         }
     }
 
@@ -82,8 +83,8 @@ impl Ring {
         let witness = |standing: &Standing| Witness { claim: standing.claim, supported: standing.supported };
         let ring: Vec<Witness> = self.present.iter().filter(counts).map(witness).collect();
         if !ring.is_empty() {
-            self.past.push_front(ring);
-            self.past.truncate(self.memory.max(self.bubble_memory));
+            self.past.rings.push_front(ring);
+            self.past.rings.truncate(self.memory.max(self.bubble_memory));
         }
     }
 
@@ -148,7 +149,7 @@ impl Ring {
     fn all(&self, rings: usize) -> impl Iterator<Item = Witness> {
         let present = self.present.iter().filter(|standing| standing.refusal.is_none());
         let present = present.map(|standing| Witness { claim: standing.claim, supported: standing.supported });
-        present.chain(self.past.iter().take(rings).flatten().copied())
+        present.chain(self.past.rings.iter().take(rings).flatten().copied())
     }
 }
 

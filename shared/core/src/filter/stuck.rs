@@ -7,6 +7,8 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::claim::{Claim, distance_m};
 use super::ring::{Ring, Standing};
 use crate::verdict::Verdict;
@@ -33,13 +35,13 @@ const SAMPLES_CLEARED: u32 = 4;
 const INVADED_M: f64 = 0.1;
 
 /// What is thought of each sonar.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct Health {
     sonars: BTreeMap<u16, Sonar>,
 }
 
 /// What is thought of one sonar.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 struct Sonar {
     /// The range that it repeats, metres.
     same_m: f64,

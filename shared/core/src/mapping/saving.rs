@@ -1,0 +1,117 @@
+//! A mapper's state, saved so that a restarted one goes on as if nothing had happened: every bit of what comes is the same.
+//!
+//! | part | what |
+//! |---|---|
+//! | `mapper` | what is small: filters, dirty tiles, how many of each part there are |
+//! | `novelty` | by transducer |
+//! | `map/x/y`, `doubt/weights/x/y`, `doubt/means/x/y`, `sonar/n/x/y` | a tile |
+//! | `kept/n` | kept readings, the n-th 1024 |
+//! | `remap/layer/n` | what a fix may change: what came to a layer between two saves |
+//!
+//! What follows from the configuration and the robot is made anew. What changed is written whole, the rest is not.
+
+use serde::{Deserialize, Serialize};
+
+use super::GridMapper;
+use crate::config::{ConfigError, MapperConfig, Noise};
+use crate::doubt::{Doubt, DoubtTiles};
+use crate::filter::Memory;
+use crate::grid::{DirtyTiles, Grid};
+use crate::kept::{KeptReadings, KeptState};
+use crate::parts::{Parts, Saved, SavedError};
+use crate::remap::{Journal, JournalState};
+use crate::robot::Robot;
+use crate::sonar_maps::{SonarMaps, SonarState};
+
+/// Changes when the layout of any part does.
+const LAYOUT: u32 = 1;
+
+const STATE: &str = "mapper";
+const NOVELTY: &str = "novelty";
+const MAP: &str = "map/";
+
+#[derive(Debug, Serialize, Deserialize)]
+struct State {
+    settings: u32,
+    filters: Memory,
+    tiles: u64,
+    dirty: DirtyTiles,
+    doubt: Option<DoubtTiles>,
+    journal: Option<JournalState>,
+    sonars: Option<Vec<SonarState>>,
+    kept: Option<KeptState>,
+}
+
+/// A mapper that can't be restored.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum RestoreError {
+    /// It can't be made at all.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// It can, but not from this.
+    #[error(transparent)]
+    Saved(#[from] SavedError),
+}
+
+/// A number that is another where what was saved means something else.
+pub(super) fn settings(config: &MapperConfig, noise: Noise, seed: u64, robot: &Robot) -> u32 {
+    crc32fast::hash(format!("{LAYOUT} {config:?} {noise:?} {seed} {robot:?}").as_bytes())
+}
+
+impl GridMapper {
+    /// Puts what changed since this was called last into `parts`; at first all there is.
+    pub fn save(&mut self, parts: &mut Parts) {
+        self.grid.save(parts, MAP);
+        let mut doubt = self.doubt.as_mut();
+        let state = State {
+            settings: self.settings,
+            filters: self.chain.memory(),
+            tiles: self.grid.tile_count() as u64,
+            dirty: self.dirty.clone(),
+            journal: self.journal.as_mut().map(|journal| journal.save(parts, &mut self.grid, doubt.as_deref_mut())),
+            doubt: doubt.map(|doubt| doubt.save(parts)),
+            sonars: self.sonar_maps.as_mut().map(|maps| maps.save(parts)),
+            kept: self.kept.as_mut().map(|kept| kept.save(parts)),
+        };
+        parts.put_value(NOVELTY, &self.fuser.novelty);
+        parts.put_value(STATE, &state);
+    }
+
+    /// The mapper that was saved, which goes on where it was. All but `saved` is to be what it was made of ([`GridMapper::new`]).
+    ///
+    /// # Errors
+    /// As [`GridMapper::new`]; or a part of `saved` is missing, damaged, or of a mapper that was made of something else.
+    pub fn restore(
+        config: &MapperConfig,
+        noise: Noise,
+        seed: u64,
+        robot: Robot,
+        saved: &Saved,
+    ) -> Result<Self, RestoreError> {
+        let mut mapper = Self::new(config, noise, seed, robot)?;
+        let State { settings, filters, tiles, dirty, doubt, journal, sonars, kept } = saved.value(STATE)?;
+        let asked =
+            (mapper.doubt.is_some(), mapper.journal.is_some(), mapper.sonar_maps.is_some(), mapper.kept.is_some());
+        if settings != mapper.settings
+            || asked != (doubt.is_some(), journal.is_some(), sonars.is_some(), kept.is_some())
+        {
+            let problem = "saved with other settings, for another robot, or by another version";
+            return Err(SavedError::new(STATE, problem).into());
+        }
+        mapper.chain.remember(filters);
+        mapper.fuser.novelty = saved.value(NOVELTY)?;
+        mapper.dirty = dirty;
+        mapper.grid = Grid::restore(config.resolution_m, saved, MAP, tiles)?;
+        mapper.doubt =
+            doubt.map(|tiles| Doubt::restore(config.log_odds_prior, saved, tiles, &mapper.grid)).transpose()?;
+        if let Some(journal) = journal {
+            let readings_max = config.remap_readings_max as usize;
+            let journal = Journal::restore(readings_max, saved, journal, &mut mapper.grid, mapper.doubt.as_mut())?;
+            mapper.journal = Some(journal);
+        }
+        mapper.sonar_maps = sonars.map(|states| SonarMaps::restore(config.resolution_m, saved, states)).transpose()?;
+        mapper.kept =
+            kept.map(|state| KeptReadings::restore(config.keep_readings_max as usize, saved, state)).transpose()?;
+        Ok(mapper)
+    }
+}
