@@ -4,6 +4,7 @@
 //! interpolates. So the map depends on the data only, never on which process ran first.
 
 mod readings;
+mod saving;
 mod trajectory;
 
 use std::collections::VecDeque;
@@ -12,14 +13,14 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::{
-    GridMapper, MapperConfig, OdometryConfig, Reading, Remapped, RunningSummary, SensorKind, Tile, TileIndex, Verdict,
-    VerdictCounts,
+    GridMapper, GridSummary, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary, SensorKind, Tile,
+    TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::wire::MAX_SENSORS;
 use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
 use readings::ReadingsFile;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use trajectory::{Rectified, Trajectory};
 
 /// What it reads.
@@ -32,7 +33,7 @@ const TILES_EVERY_NS: u64 = 500_000_000;
 /// Numbers of the whole map go out this often, by the sensor's clock.
 const INFO_EVERY_NS: u64 = 2_000_000_000;
 
-#[derive(Debug)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Scan {
     sequence: u64,
     stamp_ns: u64,
@@ -58,6 +59,9 @@ struct Run {
 pub struct MapperService {
     config: MapperConfig,
     odometry: OdometryConfig,
+    robot: Option<Robot>,
+    /// Whether the robot is among what was saved.
+    robot_saved: bool,
     /// None until the robot is known.
     mapper: Option<GridMapper>,
     trajectory: Trajectory,
@@ -79,6 +83,7 @@ pub struct MapperService {
     stamp_ns: u64,
     tiles_due_ns: u64,
     info_due_ns: u64,
+    finished: bool,
 }
 
 impl MapperService {
@@ -91,6 +96,8 @@ impl MapperService {
         Ok(Self {
             config: config.clone(),
             odometry: odometry.clone(),
+            robot: None,
+            robot_saved: false,
             mapper: None,
             trajectory: Trajectory::default(),
             waiting: VecDeque::new(),
@@ -105,6 +112,7 @@ impl MapperService {
             stamp_ns: 0,
             tiles_due_ns: 0,
             info_due_ns: 0,
+            finished: false,
         })
     }
 
@@ -206,7 +214,7 @@ impl MapperService {
             // After the tiles: what they changed is what the numbers are about.
             if scan.stamp_ns >= self.info_due_ns {
                 self.info_due_ns = scan.stamp_ns.saturating_add(INFO_EVERY_NS);
-                self.publish_info(out, false);
+                self.publish_info(out);
             }
         }
     }
@@ -215,7 +223,18 @@ impl MapperService {
         let Some(mapper) = self.mapper.as_mut() else { return };
         let dirty: Vec<TileIndex> = mapper.take_dirty();
         self.summary.changed(&dirty);
-        for index in dirty {
+        let of_sonars = mapper.take_dirty_of_sonars();
+        self.send_tiles(out, dirty, of_sonars);
+    }
+
+    fn send_tiles(
+        &self,
+        out: &mut Outbox,
+        tiles: impl IntoIterator<Item = TileIndex>,
+        of_sonars: impl IntoIterator<Item = (u16, TileIndex)>,
+    ) {
+        let Some(mapper) = self.mapper.as_ref() else { return };
+        for index in tiles {
             let Some(tile) = mapper.grid().tile(index) else { continue };
             out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
             if let Some(doubt) = mapper.doubt().and_then(|doubt| doubt.tile(index)) {
@@ -223,16 +242,38 @@ impl MapperService {
                 out.send(self.stamp_ns, update(Layer::Doubt, index, &doubt, self.config.resolution_m));
             }
         }
-        for (sonar, index) in mapper.take_dirty_of_sonars() {
+        for (sonar, index) in of_sonars {
             let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };
             out.send(self.stamp_ns, update(Layer::Sonar(sonar), index, tile, self.config.resolution_m));
         }
     }
 
-    fn publish_info(&mut self, out: &mut Outbox, finished: bool) {
+    /// Sends all there is of every layer, and the map in numbers, to a publisher that has nothing. What comes after is as if this
+    /// had not been.
+    pub fn snapshot(&mut self, out: &mut Outbox) {
+        let Some(mapper) = &self.mapper else { return };
+        let tiles = mapper.grid().tiles().map(|(index, _)| index);
+        let sonars = (0..self.sonar_counts.len()).filter_map(|sonar| u16::try_from(sonar).ok());
+        let of_sonar = |sonar| {
+            let tiles = mapper.sonar_grid(sonar).into_iter().flat_map(echogrid_core::Grid::tiles);
+            tiles.map(move |(index, _)| (sonar, index))
+        };
+        self.send_tiles(out, tiles, sonars.flat_map(of_sonar));
+        if self.scans > 0 {
+            let info = self.info(GridSummary::of(mapper.grid()));
+            out.send(self.stamp_ns, Message::Info(Box::new(info)));
+        }
+    }
+
+    fn publish_info(&mut self, out: &mut Outbox) {
         let summary = self.mapper.as_ref().map(|mapper| self.summary.of(mapper.grid())).unwrap_or_default();
+        let info = self.info(summary);
+        out.send(self.stamp_ns, Message::Info(Box::new(info)));
+    }
+
+    fn info(&self, summary: GridSummary) -> MapInfo {
         let latest = self.trajectory.latest();
-        let info = MapInfo {
+        MapInfo {
             revision: self.revision,
             scans: self.scans,
             cells_known: summary.known,
@@ -245,14 +286,13 @@ impl MapperService {
             verdicts: self.counts,
             remapped: self.remapped.0,
             remap_left: self.remapped.1,
-            finished,
+            finished: self.finished,
             degraded: latest.is_some_and(|latest| latest.degraded),
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
             fixes_refused: latest.map_or(0, |latest| latest.estimate.refused),
             sonars: self.sonar_counts.clone(),
-        };
-        out.send(self.stamp_ns, Message::Info(Box::new(info)));
+        }
     }
 }
 
@@ -281,6 +321,7 @@ impl Service for MapperService {
                     if let Some(file) = &mut self.readings_file {
                         file.set_robot(robot.clone());
                     }
+                    self.robot = Some(robot.clone());
                     self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
                 }
             }
@@ -300,7 +341,8 @@ impl Service for MapperService {
                 }
                 self.rectify(u64::MAX, self.revision.saturating_add(1));
                 self.publish_tiles(out);
-                self.publish_info(out, true);
+                self.finished = true;
+                self.publish_info(out);
                 self.save_readings()?;
             }
         }

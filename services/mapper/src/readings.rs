@@ -1,10 +1,11 @@
 //! `readings.echogrid`: the kept readings, saved beside the map.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use echogrid_core::kept::KeptReadings;
-use echogrid_core::{MapperConfig, Robot};
+use echogrid_core::{Chunks, MapperConfig, Parts, Robot, Saved, SavedError};
 use echogrid_formats::map::readings::{self, READINGS_FILE, ReadingsDocument};
 
 /// Where they are saved, and what the file needs besides.
@@ -13,12 +14,17 @@ pub(crate) struct ReadingsFile {
     folder: PathBuf,
     robot: Robot,
     /// Number and stamp of each scan, 16 bytes each.
-    scans: Vec<(u64, u64)>,
+    scans: VecDeque<(u64, u64)>,
+    chunks: Chunks,
 }
+
+/// Under what the scans are saved, by so many.
+const PREFIX: &str = "scans/";
+const CHUNK: u64 = 1024;
 
 impl ReadingsFile {
     pub(crate) fn new(folder: PathBuf) -> Self {
-        Self { folder, robot: Robot::default(), scans: Vec::new() }
+        Self { folder, robot: Robot::default(), scans: VecDeque::new(), chunks: Chunks::new(CHUNK) }
     }
 
     pub(crate) fn set_robot(&mut self, robot: Robot) {
@@ -27,9 +33,24 @@ impl ReadingsFile {
 
     /// The readings that come next are of this scan.
     pub(crate) fn begin_scan(&mut self, sequence: u64, stamp_ns: u64) {
-        if self.scans.last().is_none_or(|(last, _)| *last < sequence) {
-            self.scans.push((sequence, stamp_ns));
+        if self.scans.back().is_none_or(|(last, _)| *last < sequence) {
+            self.scans.push_back((sequence, stamp_ns));
         }
+    }
+
+    /// Saves the scans that came since the last time; how many there are.
+    pub(crate) fn save(&mut self, parts: &mut Parts) -> u64 {
+        self.chunks.save(parts, PREFIX, 0, &self.scans);
+        self.scans.len() as u64
+    }
+
+    /// Takes so many scans that were saved.
+    ///
+    /// # Errors
+    /// A part is missing, or damaged.
+    pub(crate) fn restore(&mut self, saved: &Saved, scans: u64) -> Result<(), SavedError> {
+        (self.chunks, self.scans) = Chunks::restore(CHUNK, saved, PREFIX, 0, scans)?;
+        Ok(())
     }
 
     /// Writes the file, whole or not at all.

@@ -2,11 +2,12 @@
 
 use std::collections::VecDeque;
 
-use echogrid_core::Estimate;
+use echogrid_core::{Chunks, Estimate, Parts, Saved, SavedError};
 use echogrid_topics::PoseEstimate;
+use serde::{Deserialize, Serialize};
 
 /// A fix, as the mapper sees it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Rectified {
     pub(crate) stamp_ns: u64,
     pub(crate) before: Estimate,
@@ -14,14 +15,52 @@ pub(crate) struct Rectified {
 }
 
 /// Estimates in the order of their stamps.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Trajectory {
     estimates: VecDeque<(u64, PoseEstimate)>,
     /// Those that no scan has come after yet.
     fixes: VecDeque<Rectified>,
+    /// Estimates that were let go of.
+    forgotten: u64,
+    chunks: Chunks,
+}
+
+/// Under what the estimates are saved, by so many.
+const PREFIX: &str = "trajectory/";
+const CHUNK: u64 = 256;
+
+/// What is saved besides the estimates.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct TrajectoryState {
+    forgotten: u64,
+    estimates: u64,
+    fixes: VecDeque<Rectified>,
+}
+
+impl Default for Trajectory {
+    fn default() -> Self {
+        Self { estimates: VecDeque::new(), fixes: VecDeque::new(), forgotten: 0, chunks: Chunks::new(CHUNK) }
+    }
 }
 
 impl Trajectory {
+    /// Saves what changed since the last time.
+    pub(crate) fn save(&mut self, parts: &mut Parts) -> TrajectoryState {
+        self.chunks.save(parts, PREFIX, self.forgotten, &self.estimates);
+        let end = self.forgotten + self.estimates.len() as u64;
+        TrajectoryState { forgotten: self.forgotten, estimates: end, fixes: self.fixes.clone() }
+    }
+
+    /// What was saved.
+    ///
+    /// # Errors
+    /// A part is missing, or damaged.
+    pub(crate) fn restore(saved: &Saved, state: TrajectoryState) -> Result<Self, SavedError> {
+        let TrajectoryState { forgotten, estimates, fixes } = state;
+        let (chunks, estimates) = Chunks::restore(CHUNK, saved, PREFIX, forgotten, estimates)?;
+        Ok(Self { estimates, fixes, forgotten, chunks })
+    }
+
     /// Adds the next estimate. One that runs backwards in time is dropped: it could change what was
     /// interpolated already.
     pub(crate) fn push(&mut self, stamp_ns: u64, estimate: PoseEstimate) {
@@ -63,6 +102,7 @@ impl Trajectory {
     pub(crate) fn forget_before(&mut self, stamp_ns: u64) {
         while self.estimates.len() >= 2 && self.estimates[1].0 < stamp_ns {
             self.estimates.pop_front();
+            self.forgotten += 1;
         }
     }
 

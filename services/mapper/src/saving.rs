@@ -1,0 +1,117 @@
+//! The mapper's state, saved so that a restarted one goes on where the last was: with the parts of [`GridMapper`] and its own.
+//!
+//! | part | what |
+//! |---|---|
+//! | `service` | counts, what is due when, what waits |
+//! | `robot` | its description |
+//! | `trajectory/n` | estimates that scans still need, the n-th 256 |
+//! | `scans/n` | numbers and stamps of the scans of the kept readings, the n-th 1024 |
+
+use std::collections::VecDeque;
+
+use anyhow::{Result, bail};
+use echogrid_core::{GridMapper, OdometryConfig, Parts, Robot, RunningSummary, Saved, SavedError, VerdictCounts};
+use serde::{Deserialize, Serialize};
+
+use crate::trajectory::{Trajectory, TrajectoryState};
+use crate::{MapperService, Scan};
+
+const STATE: &str = "service";
+const ROBOT: &str = "robot";
+
+#[derive(Debug, Serialize, Deserialize)]
+struct State {
+    has_robot: bool,
+    trajectory: TrajectoryState,
+    waiting: VecDeque<Scan>,
+    counts: VerdictCounts,
+    remapped: (u64, u64),
+    sonar_counts: Vec<VerdictCounts>,
+    /// Of the kept readings.
+    scans_kept: Option<u64>,
+    paused: bool,
+    scans: u64,
+    revision: u64,
+    stamp_ns: u64,
+    tiles_due_ns: u64,
+    info_due_ns: u64,
+    finished: bool,
+}
+
+impl MapperService {
+    /// Puts what changed since this was called last into `parts`; at first all there is.
+    pub fn save(&mut self, parts: &mut Parts) {
+        if let Some(mapper) = &mut self.mapper {
+            mapper.save(parts);
+        }
+        if let Some(robot) = self.robot.as_ref().filter(|_| !self.robot_saved) {
+            parts.put_value(ROBOT, robot);
+            self.robot_saved = true;
+        }
+        let state = State {
+            has_robot: self.robot.is_some(),
+            trajectory: self.trajectory.save(parts),
+            waiting: self.waiting.clone(),
+            counts: self.counts,
+            remapped: self.remapped,
+            sonar_counts: self.sonar_counts.clone(),
+            scans_kept: self.readings_file.as_mut().map(|file| file.save(parts)),
+            paused: self.paused,
+            scans: self.scans,
+            revision: self.revision,
+            stamp_ns: self.stamp_ns,
+            tiles_due_ns: self.tiles_due_ns,
+            info_due_ns: self.info_due_ns,
+            finished: self.finished,
+        };
+        parts.put_value(STATE, &state);
+    }
+
+    /// Goes on where the one was that was saved; this one is new and of the same configuration.
+    ///
+    /// # Errors
+    /// A part is missing, damaged, or of another configuration; then this one is as it was.
+    pub fn restore(&mut self, saved: &Saved) -> Result<()> {
+        let state: State = saved.value(STATE)?;
+        let robot: Option<Robot> = state.has_robot.then(|| saved.value(ROBOT)).transpose()?;
+        let OdometryConfig { noise, seed, .. } = self.odometry;
+        let mapper =
+            robot.clone().map(|robot| GridMapper::restore(&self.config, noise, seed, robot, saved)).transpose()?;
+        let trajectory = Trajectory::restore(saved, state.trajectory)?;
+        match (&mut self.readings_file, state.scans_kept) {
+            (Some(file), Some(scans)) => {
+                file.restore(saved, scans)?;
+                robot.iter().for_each(|robot| file.set_robot(robot.clone()));
+            }
+            (None, None) => {}
+            _ => bail!(SavedError::new(STATE, "readings are kept now and were not then, or the other way round")),
+        }
+        // Every tile is looked at once more: that gives the same numbers.
+        let mut summary = RunningSummary::default();
+        for (index, _) in mapper.iter().flat_map(|mapper| mapper.grid().tiles()) {
+            summary.changed(&[index]);
+        }
+        *self = Self {
+            robot_saved: robot.is_some(),
+            robot,
+            mapper,
+            trajectory,
+            waiting: state.waiting,
+            summary,
+            counts: state.counts,
+            remapped: state.remapped,
+            sonar_counts: state.sonar_counts,
+            paused: state.paused,
+            scans: state.scans,
+            revision: state.revision,
+            stamp_ns: state.stamp_ns,
+            tiles_due_ns: state.tiles_due_ns,
+            info_due_ns: state.info_due_ns,
+            finished: state.finished,
+            config: self.config.clone(),
+            odometry: self.odometry.clone(),
+            readings_file: self.readings_file.take(),
+        };
+        Ok(())
+    }
+}
