@@ -174,9 +174,12 @@ fn check(config: &MapperConfig, noise: Noise, saves: &BTreeMap<usize, bool>) {
     save(&mut killed, &mut saved);
     let mut at_once = Saved::default();
     save(&mut undisturbed, &mut at_once);
-    let names = |saved: &Saved| -> BTreeSet<String> {
-        saved.under("").map(|(name, _)| name.to_owned()).filter(|name| !name.starts_with("remap/")).collect()
+    // In how many parts a layer of what a fix may change is saved is up to how often.
+    let name = |name: &str| match name.rsplit_once('/') {
+        Some((layer, _)) if name.starts_with("remap/") => layer.to_owned(),
+        _ => name.to_owned(),
     };
+    let names = |saved: &Saved| -> BTreeSet<String> { saved.under("").map(|(part, _)| name(part)).collect() };
     assert_eq!(names(&saved), names(&at_once), "nothing is left behind");
     let mut again = restore(config, noise, &saved);
     let expected = all(&mut undisturbed);
