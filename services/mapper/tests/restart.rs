@@ -37,6 +37,7 @@ fn robot() -> Robot {
 }
 
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "nearly all are messages")]
 enum Event {
     Take(u64, u64, Message),
     Order(Command),
@@ -96,6 +97,9 @@ fn to_the_wall(sensor: Pose2) -> f64 {
     };
     along(sensor.x, cos, 3.0).min(along(sensor.y, sin, 2.0)).max(0.05)
 }
+
+/// The revision and the cells of each tile.
+type Tiles = BTreeMap<(Layer, (i32, i32)), (u64, Vec<u32>)>;
 
 /// A message, every bit of it.
 #[derive(Debug, Clone, PartialEq)]
@@ -236,14 +240,14 @@ fn a_snapshot_is_all_there_is() {
     let folder = tempfile::tempdir().unwrap();
     let mut mapper = fresh(&everything(Fusion::Auto), folder.path());
     assert_eq!(snapshot(&mut mapper), []);
-    let keep = |map: &mut BTreeMap<(Layer, (i32, i32)), (u64, Vec<u32>)>, all: Vec<(u64, Said)>| {
+    let keep = |map: &mut Tiles, all: Vec<(u64, Said)>| {
         for (_, said) in all {
             if let Said::Tile(layer, index, revision, cells) = said {
                 map.insert((layer, index), (revision, cells));
             }
         }
     };
-    let (mut from_the_start, mut from_a_snapshot) = (BTreeMap::new(), BTreeMap::new());
+    let (mut from_the_start, mut from_a_snapshot) = (Tiles::new(), Tiles::new());
     for (number, event) in drive().iter().enumerate() {
         if number == 200 {
             let all = snapshot(&mut mapper);

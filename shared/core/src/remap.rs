@@ -65,9 +65,9 @@ impl Journal {
     }
 
     /// All layers; it begins again with an empty one.
-    fn take_layers(&mut self, grid: &mut Grid, mut doubt: Option<&mut Doubt>) -> VecDeque<Layer> {
+    fn take_layers(&mut self, grid: &mut Grid, doubt: Option<&mut Doubt>) -> VecDeque<Layer> {
         if let Some(last) = self.layers.back_mut() {
-            last.before = Before::take(grid, doubt.as_deref_mut());
+            last.before = Before::take(grid, doubt);
         }
         let layers = std::mem::replace(&mut self.layers, VecDeque::from([Layer::default()]));
         layers.iter().for_each(|layer| self.forget_first(layer));
