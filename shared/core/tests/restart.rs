@@ -42,6 +42,7 @@ fn robot() -> Robot {
 }
 
 #[derive(Debug, Clone)]
+#[expect(clippy::large_enum_variant, reason = "a few hundred of them")]
 enum Event {
     Scan(u64, Vec<(Reading, Option<Estimate>)>),
     Fix(u64, Estimate, Estimate),
