@@ -69,6 +69,23 @@ pub enum Command {
         #[command(flatten)]
         settings: Settings,
     },
+    /// Tells whether this machine is fit to run a graph: memory, limits, permissions, leftovers; and what mends what is not.
+    Doctor {
+        /// Graph file (TOML); none: the demo's graph.
+        graph: Option<PathBuf>,
+        /// The sensor: `replay`, `simulator`, or an executable of your own.
+        #[arg(long, value_name = "NAME|FILE")]
+        sensor: Option<String>,
+        /// Removes what dead graphs of this user left in shared memory.
+        #[arg(long)]
+        clean: bool,
+        /// Prints the findings as JSON.
+        #[arg(long)]
+        json: bool,
+        /// What would be set for the run.
+        #[command(flatten)]
+        settings: Settings,
+    },
     /// Saves the map of a running graph now.
     Save {
         /// Which graph; may be left out when only one runs.

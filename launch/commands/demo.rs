@@ -13,15 +13,20 @@ const SETTINGS: [&str; 3] =
 /// The drive as a log, beside the map.
 const DRIVE: &str = "drive.log.gz";
 
-/// Maps the floor, and tells how good the map is; what the user set has the last word.
-pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
-    let mut request = LoadRequest {
+/// What it runs; what the user set has the last word.
+pub(super) fn request(asked: LoadRequest) -> LoadRequest {
+    LoadRequest {
         sensor: Some("simulator".to_owned()),
         robot: asked.robot.or_else(|| Some("pioneer3at".to_owned())),
         fix: asked.fix.or_else(|| Some("truth".to_owned())),
         sets: SETTINGS.map(str::to_owned).into_iter().chain(asked.sets).collect(),
         ..asked
-    };
+    }
+}
+
+/// Maps the floor, and tells how good the map is.
+pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
+    let mut request = request(asked);
     let config = Config::load(&request)?.into_config();
     let recorded = !config.simulator.record.as_os_str().is_empty();
     let drive = if recorded { config.simulator.record } else { config.run.out.join(DRIVE) };

@@ -89,7 +89,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     super::print(&text)
 }
 
-fn plays_log(config: &Config) -> bool {
+pub(super) fn plays_log(config: &Config) -> bool {
     config.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Replay))
 }
 
@@ -104,7 +104,6 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         let odometry = &config.odometry;
         GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;
     }
-    let of_robot = robot.map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
     let provenance = provenance(config, survey)?;
     // What `auto` comes to, the processes can't know.
     let mut table = Config { localization: config.resolved_localization(), ..config.clone() }.to_table()?;
@@ -114,10 +113,16 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
             Rate::Max => None,
             Rate::Times(times) => Some(times),
         },
-        max_readings: survey.map_or(of_robot, |survey| survey.max_readings_per_scan).max(1),
+        max_readings: max_readings(config, survey),
         consumers: supervisor::consumers(&config.services),
         config: table,
     })
+}
+
+/// Readings in the largest scan.
+pub(super) fn max_readings(config: &Config, survey: Option<&LogSurvey>) -> usize {
+    let of_robot = config.robot.as_ref().map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
+    survey.map_or(of_robot, |survey| survey.max_readings_per_scan).max(1)
 }
 
 /// Where the map comes from: what goes into its file.

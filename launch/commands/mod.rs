@@ -3,6 +3,7 @@
 mod calibrate;
 mod check;
 mod demo;
+mod doctor;
 mod evaluate;
 mod experiment;
 mod graph;
@@ -47,6 +48,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Some(Command::Check { graph, sensor, settings }) => {
             check::run(&LoadRequest { graph, sensor, ..settings.request() })
+        }
+        Some(Command::Doctor { graph, sensor, clean, json, settings }) => {
+            doctor::run(LoadRequest { graph, sensor, ..settings.request() }, clean, json)
         }
         Some(Command::Save { domain }) => talk::save(domain.as_deref()),
         Some(Command::Pause { domain }) => talk::pause(domain.as_deref()),

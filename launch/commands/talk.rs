@@ -96,7 +96,7 @@ fn order(domain: Option<&str>, kind: ServiceKind, command: Command, within: Dura
 pub(super) fn status(domain: Option<&str>) -> Result<()> {
     let running = echogrid_topics::domain::running();
     if domain.is_none() && running.len() != 1 {
-        let text = if running.is_empty() { "no graph runs".into() } else { running.join("\n") };
+        let text = if running.is_empty() { none_runs() } else { running.join("\n") };
         return super::print(&format!("{text}\n"));
     }
     let domain = choose(domain)?;
@@ -154,13 +154,30 @@ fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
     }
 }
 
+/// That no graph of this user runs; and whose do, which are theirs to talk to.
+fn none_runs() -> String {
+    let others = echogrid_topics::domain::others();
+    let others: Vec<String> = others
+        .iter()
+        .map(|(user, domains)| {
+            let domains: Vec<&str> = domains.iter().map(String::as_str).collect();
+            format!("{user}: {}, with `{} echogrid …`", domains.join(", "), user.run_as())
+        })
+        .collect();
+    if others.is_empty() {
+        return "no graph runs".to_owned();
+    }
+    let me = echogrid_topics::domain::User::current();
+    format!("no graph of {me} runs; other users talk to theirs ({})", others.join("; "))
+}
+
 /// The graph that was named, or the only one that runs.
 fn choose(domain: Option<&str>) -> Result<Domain> {
     if let Some(name) = domain {
         return Ok(Domain::named(name)?);
     }
     match echogrid_topics::domain::running().as_slice() {
-        [] => bail!("no graph runs"),
+        [] => bail!(none_runs()),
         [only] => Ok(Domain::named(only)?),
         several => bail!("several graphs run: choose one with --domain ({})", several.join(", ")),
     }

@@ -35,7 +35,8 @@ impl Plan {
     pub fn write(&self, domain: &Domain) -> Result<()> {
         let path = domain.dir().join("plan.toml");
         let text = toml::to_string(self).context("writing the plan of the run")?;
-        std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))
+        // It may tell of what only its user may know.
+        echogrid_topics::domain::write_private(&path, text.as_bytes()).context("writing the plan of the run")
     }
 
     /// Reads the plan of `domain`.

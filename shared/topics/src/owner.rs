@@ -60,6 +60,7 @@ impl Owner {
         for service in services {
             topics.extend(control::create(participant.node(), service)?);
         }
+        claim.make_private()?;
         Ok(Self { _topics: topics, participant, claim })
     }
 

@@ -1,0 +1,146 @@
+//! What one process may have.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use nix::sys::resource::{Resource, getrlimit};
+
+use super::finding::{Finding, size};
+use super::need::Need;
+
+/// Memory maps of a process: a graph of five services has 120 at most.
+const MAPS: u64 = 1024;
+/// What processes need besides shared memory: a large map, and its files in the making.
+const PRIVATE_BYTES: u64 = 256 << 20;
+
+/// What is allowed.
+#[derive(Debug, Default)]
+pub(super) struct Facts {
+    /// Open files, soft and hard limit.
+    files: Option<(u64, u64)>,
+    maps: Option<u64>,
+    /// What the control groups of this process allow, the least of them.
+    memory_bytes: Option<u64>,
+}
+
+impl Facts {
+    pub(super) fn gather() -> Self {
+        Self {
+            files: getrlimit(Resource::RLIMIT_NOFILE).ok(),
+            maps: number(Path::new("/proc/sys/vm/max_map_count")),
+            memory_bytes: memory_limit(),
+        }
+    }
+
+    pub(super) fn judge(&self, need: &Need) -> Vec<Finding> {
+        [self.files(need), self.maps(), self.memory(need)].into_iter().flatten().collect()
+    }
+
+    fn files(&self, need: &Need) -> Option<Finding> {
+        let (soft, hard) = self.files?;
+        // Measured: 180 in the mapper of a graph of five, most of them connections.
+        let needed = 192 + 32 * need.services;
+        let text = format!("{soft} per process, {needed} may be needed");
+        let finding = if soft >= needed {
+            Finding::ok("open files", text)
+        } else {
+            let mend = if hard >= needed {
+                format!("ulimit -n {}", needed.max(1024).min(hard))
+            } else {
+                format!("add '* hard nofile {0}' and '* soft nofile {0}' to /etc/security/limits.conf", needed.max(1024))
+            };
+            Finding::problem("open files", text, mend)
+        };
+        Some(finding.with([("soft", soft), ("hard", hard), ("needed", needed)]))
+    }
+
+    fn maps(&self) -> Option<Finding> {
+        let maps = self.maps?;
+        let text = format!("{maps} per process, {MAPS} may be needed");
+        let finding = if maps >= MAPS {
+            Finding::ok("memory maps", text)
+        } else {
+            Finding::problem("memory maps", text, "sudo sysctl -w vm.max_map_count=65530")
+        };
+        Some(finding.with([("allowed", maps), ("needed", MAPS)]))
+    }
+
+    fn memory(&self, need: &Need) -> Option<Finding> {
+        let allowed = self.memory_bytes?;
+        let needed = need.shared_bytes + PRIVATE_BYTES;
+        let text = format!("{} allowed by the control group, {} may be needed", size(allowed), size(needed));
+        let finding = if allowed >= needed {
+            Finding::ok("memory limit", text)
+        } else {
+            let enough = needed.div_ceil(1 << 20);
+            let mend = format!("docker run --memory={enough}m, or MemoryMax={enough}M in the systemd unit");
+            Finding::warning("memory limit", text, mend)
+        };
+        Some(finding.with([("allowed_bytes", allowed), ("needed_bytes", needed)]))
+    }
+}
+
+fn number(path: &Path) -> Option<u64> {
+    fs::read_to_string(path).ok()?.trim().parse().ok()
+}
+
+/// The least of the limits from this process's control group up; none if there is none.
+fn memory_limit() -> Option<u64> {
+    let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
+    groups.lines().filter_map(limit_files).flatten().filter_map(|file| number(&file)).filter(|limit| *limit < 1 << 60).min()
+}
+
+/// Where the limits of a line of /proc/self/cgroup are, its own and those above it.
+fn limit_files(line: &str) -> Option<Vec<PathBuf>> {
+    let (controllers, group) = line.split_once(':')?.1.split_once(':')?;
+    let (root, file) = match controllers {
+        "" => ("/sys/fs/cgroup", "memory.max"),
+        "memory" => ("/sys/fs/cgroup/memory", "memory.limit_in_bytes"),
+        _ => return None,
+    };
+    let group = Path::new(root).join(group.trim_start_matches('/'));
+    Some(group.ancestors().take_while(|above| above.starts_with(root)).map(|above| above.join(file)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::finding::Verdict;
+    use super::*;
+
+    fn judge(facts: &Facts) -> Vec<Finding> {
+        facts.judge(&Need::for_scans(16, 5, None))
+    }
+
+    #[test]
+    fn usual_limits_are_enough() {
+        let facts = Facts { files: Some((1024, 524_288)), maps: Some(65_530), memory_bytes: Some(1 << 30) };
+        assert!(judge(&facts).iter().all(|finding| finding.verdict == Verdict::Ok));
+        assert!(judge(&Facts::default()).is_empty());
+    }
+
+    #[test]
+    fn small_ones_are_not() {
+        let facts = Facts { files: Some((256, 4096)), maps: Some(100), memory_bytes: Some(128 << 20) };
+        let verdicts: Vec<Verdict> = judge(&facts).iter().map(|finding| finding.verdict).collect();
+        assert_eq!(verdicts, [Verdict::Problem, Verdict::Problem, Verdict::Warning]);
+        assert_eq!(judge(&facts)[0].mend.as_deref(), Some("ulimit -n 1024"));
+        // What the user may not raise, an administrator has to.
+        let facts = Facts { files: Some((256, 256)), ..facts };
+        assert!(judge(&facts)[0].mend.as_ref().unwrap().contains("limits.conf"));
+    }
+
+    #[test]
+    fn control_groups_are_found_in_both_versions() {
+        let files = |line| limit_files(line).unwrap_or_default();
+        assert_eq!(
+            files("0::/a/b"),
+            ["/sys/fs/cgroup/a/b/memory.max", "/sys/fs/cgroup/a/memory.max", "/sys/fs/cgroup/memory.max"].map(PathBuf::from)
+        );
+        assert_eq!(
+            files("4:memory:/a"),
+            ["/sys/fs/cgroup/memory/a/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.limit_in_bytes"]
+                .map(PathBuf::from)
+        );
+        assert!(files("9:name=systemd:/").is_empty() && files("nonsense").is_empty());
+    }
+}

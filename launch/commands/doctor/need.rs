@@ -1,0 +1,40 @@
+//! What the graph will need.
+
+use echogrid_formats::log;
+use echogrid_topics::topic::memory_budget_bytes;
+
+use super::finding::Finding;
+use crate::commands::graph::{max_readings, plays_log};
+use crate::config::Config;
+
+/// What the graph will need.
+#[derive(Debug, Clone)]
+pub(super) struct Need {
+    pub(super) services: u64,
+    pub(super) max_readings: usize,
+    /// Shared memory, in the worst case.
+    pub(super) shared_bytes: u64,
+    /// Why its log can't be read.
+    log: Option<String>,
+}
+
+impl Need {
+    pub(super) fn of(config: &Config) -> Self {
+        let log = &config.replay.log;
+        let survey = (plays_log(config) && !log.as_os_str().is_empty()).then(|| log::survey(log)).transpose();
+        let (survey, log) = match survey {
+            Ok(survey) => (survey, None),
+            Err(error) => (None, Some(error.to_string())),
+        };
+        Self::for_scans(max_readings(config, survey.as_ref()), config.services.len() as u64, log)
+    }
+
+    pub(super) fn for_scans(max_readings: usize, services: u64, log: Option<String>) -> Self {
+        Self { services, max_readings, shared_bytes: memory_budget_bytes(max_readings, services), log }
+    }
+
+    pub(super) fn judge(&self) -> Option<Finding> {
+        let error = self.log.as_ref()?;
+        Some(Finding::problem("log", error, "name one that can be read: --set replay.log=FILE"))
+    }
+}
