@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::process::Output;
 
-use crate::support::{Drive, echogrid, said, summary};
+use crate::support::{Drive, echogrid, folder_in_a_namespace, in_a_namespace, said, summary};
 
 /// Runs with `arguments`; the one error must hold every one of `snippets`.
 fn check(arguments: &[&str], snippets: &[&str]) {
@@ -127,20 +127,26 @@ fn a_command_line_that_makes_no_sense_is_wrong_usage() {
 
 #[test]
 fn a_small_shared_memory_is_said_before_anything_is_started() {
-    // A mount namespace of its own, where the machine allows one.
-    let drive = Drive::new(0.5);
-    let script = format!(
-        "mount -t tmpfs -o size=4m tmpfs /dev/shm && exec {} map {} --out {}",
-        crate::support::ECHOGRID,
-        drive.log().display(),
-        drive.out("maps").display()
-    );
-    let output =
-        std::process::Command::new("unshare").args(["--mount", "--map-root-user", "sh", "-c", &script]).output();
-    match output {
-        Ok(output) if !String::from_utf8_lossy(&output.stderr).starts_with("unshare:") => {
-            refused(&output, &["/dev/shm has ", " MiB free", "--shm-size"]);
-        }
-        other => eprintln!("skipped: no mount namespace here: {other:?}"),
+    let folder = tempfile::tempdir().unwrap();
+    let mount = "mount -t tmpfs -o size=8m tmpfs /dev/shm";
+    in_a_namespace("bad_input::where_shared_memory_is_small", mount, folder.path());
+}
+
+#[test]
+#[ignore = "run in a namespace by the test above"]
+fn where_shared_memory_is_small() {
+    if folder_in_a_namespace().is_none() {
+        return;
     }
+    let drive = Drive::new(0.5);
+    let output = drive.map("maps", &[]);
+    refused(&output, &["/dev/shm has 7 MiB free, this graph can need ", "--shm-size"]);
+    assert_eq!(std::fs::read_dir("/dev/shm").unwrap().count(), 0);
+    // The size that it names is enough.
+    let error = String::from_utf8_lossy(&output.stderr);
+    let size = error.split("--shm-size=").nth(1).and_then(|rest| rest.split(')').next()).unwrap();
+    let mount =
+        std::process::Command::new("mount").args(["-o", &format!("remount,size={size}"), "/dev/shm"]).status().unwrap();
+    assert!(mount.success());
+    summary(&drive.map("maps", &["--json", "-q"]));
 }

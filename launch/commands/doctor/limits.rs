@@ -47,7 +47,10 @@ impl Facts {
             let mend = if hard >= needed {
                 format!("ulimit -n {}", needed.max(1024).min(hard))
             } else {
-                format!("add '* hard nofile {0}' and '* soft nofile {0}' to /etc/security/limits.conf", needed.max(1024))
+                format!(
+                    "add '* hard nofile {0}' and '* soft nofile {0}' to /etc/security/limits.conf",
+                    needed.max(1024)
+                )
             };
             Finding::problem("open files", text, mend)
         };
@@ -87,7 +90,13 @@ fn number(path: &Path) -> Option<u64> {
 /// The least of the limits from this process's control group up; none if there is none.
 fn memory_limit() -> Option<u64> {
     let groups = fs::read_to_string("/proc/self/cgroup").ok()?;
-    groups.lines().filter_map(limit_files).flatten().filter_map(|file| number(&file)).filter(|limit| *limit < 1 << 60).min()
+    groups
+        .lines()
+        .filter_map(limit_files)
+        .flatten()
+        .filter_map(|file| number(&file))
+        .filter(|limit| *limit < 1 << 60)
+        .min()
 }
 
 /// Where the limits of a line of /proc/self/cgroup are, its own and those above it.
@@ -134,7 +143,8 @@ mod tests {
         let files = |line| limit_files(line).unwrap_or_default();
         assert_eq!(
             files("0::/a/b"),
-            ["/sys/fs/cgroup/a/b/memory.max", "/sys/fs/cgroup/a/memory.max", "/sys/fs/cgroup/memory.max"].map(PathBuf::from)
+            ["/sys/fs/cgroup/a/b/memory.max", "/sys/fs/cgroup/a/memory.max", "/sys/fs/cgroup/memory.max"]
+                .map(PathBuf::from)
         );
         assert_eq!(
             files("4:memory:/a"),

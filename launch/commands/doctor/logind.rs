@@ -99,7 +99,9 @@ mod tests {
         let warned = judge(1000, true, true, false);
         assert_eq!(warned.verdict, Verdict::Warning);
         assert!(warned.mend.as_ref().unwrap().contains("enable-linger robot"), "{warned}");
-        for fine in [(0, true, true, false), (1000, false, true, false), (1000, true, false, false), (1000, true, true, true)] {
+        for fine in
+            [(0, true, true, false), (1000, false, true, false), (1000, true, false, false), (1000, true, true, true)]
+        {
             assert_eq!(judge(fine.0, fine.1, fine.2, fine.3).verdict, Verdict::Ok, "{fine:?}");
         }
     }

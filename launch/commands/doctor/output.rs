@@ -27,7 +27,8 @@ impl Facts {
     pub(super) fn gather(out: &Path) -> Self {
         let there = out.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")).to_owned();
         #[allow(clippy::useless_conversion)] // the types differ between platforms
-        let free = statvfs(&there).ok().map(|stat| u64::from(stat.blocks_available()) * u64::from(stat.fragment_size()));
+        let free =
+            statvfs(&there).ok().map(|stat| u64::from(stat.blocks_available()) * u64::from(stat.fragment_size()));
         Self {
             out: out.to_owned(),
             is_folder: there.is_dir(),

@@ -46,7 +46,8 @@ mod tests {
 
     #[test]
     fn what_others_can_get_at() {
-        let judge = |exposed: Vec<Exposed>| Facts { me: User { uid: 1000, name: Some("robot".into()) }, exposed }.judge();
+        let judge =
+            |exposed: Vec<Exposed>| Facts { me: User { uid: 1000, name: Some("robot".into()) }, exposed }.judge();
         assert_eq!(judge(Vec::new()).verdict, Verdict::Ok);
         let open = Exposed { path: "/dev/shm/eg1000_lab_x.data".into(), owner: 1000, mode: 0o666 };
         let finding = judge(vec![open.clone()]);

@@ -67,7 +67,9 @@ impl Port {
             State::Open => Finding::ok(CHECK, text),
             State::Missing => Finding::problem(CHECK, text, "plug it in, or name another: ls /dev/serial/by-id"),
             State::NoDevice => Finding::problem(CHECK, text, "name another: ls /dev/serial/by-id"),
-            State::Closed(group) if group == "root" => Finding::problem(CHECK, text, format!("sudo chgrp dialout {path}")),
+            State::Closed(group) if group == "root" => {
+                Finding::problem(CHECK, text, format!("sudo chgrp dialout {path}"))
+            }
             State::Closed(group) => {
                 Finding::problem(CHECK, text, format!("sudo usermod -aG {group} $USER, then log in again"))
             }

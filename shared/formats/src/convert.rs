@@ -23,7 +23,7 @@ use crate::log::{self, KNOWN_FORMATS, LogError};
 use crate::map::map_server::{self, MapMode, Thresholds};
 use crate::map::{MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
-use crate::whole_file::{WholeFile, write_whole};
+use crate::whole_file::{WholeFile, write_together, write_whole};
 
 /// What a conversion did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -219,9 +219,9 @@ fn write_occupancy(
     let yaml_path = folder.join(format!("{stem}.yaml"));
     refuse_same(input, &yaml_path)?;
     if extension == "npy" {
-        write_whole(output, &npy::encode(map))?;
         let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        map_server::write_array_yaml(&yaml_path, map, Thresholds::default(), name)?;
+        let yaml = map_server::array_yaml(map, Thresholds::default(), name);
+        write_together(&[(output.to_path_buf(), npy::encode(map)), (yaml_path.clone(), yaml)])?;
         report.written.extend([output.to_path_buf(), yaml_path]);
         return Ok(());
     }

@@ -47,15 +47,31 @@ impl WholeFile {
 
     /// Puts it in place: from now on the path holds all of it, whatever happens to the machine.
     pub(crate) fn commit(self) -> Result<(), WriteError> {
-        let path = self.path;
-        let fail = |doing| {
-            let path = path.clone();
-            move |source| WriteError { path, doing, source }
-        };
-        let temporary = self.temporary.into_inner().map_err(|error| fail("writing")(error.into_error()))?;
-        temporary.as_file().sync_all().map_err(fail("storing"))?;
-        temporary.persist(&path).map_err(|error| fail("putting in place")(error.error))?;
-        sync_folder(folder(&path)).map_err(fail("storing its folder"))
+        self.store()?.put_in_place()
+    }
+
+    /// Brings all of it to the disk, still beside its path.
+    fn store(self) -> Result<Stored, WriteError> {
+        let Self { path, temporary } = self;
+        let fail = |doing, source| WriteError { path: path.clone(), doing, source };
+        let temporary = temporary.into_inner().map_err(|error| fail("writing", error.into_error()))?;
+        temporary.as_file().sync_all().map_err(|error| fail("storing", error))?;
+        Ok(Stored { path, temporary })
+    }
+}
+
+/// A file that is complete, and not yet at its place.
+struct Stored {
+    path: PathBuf,
+    temporary: NamedTempFile,
+}
+
+impl Stored {
+    fn put_in_place(self) -> Result<(), WriteError> {
+        let Self { path, temporary } = self;
+        let fail = |doing, source| WriteError { path: path.clone(), doing, source };
+        temporary.persist(&path).map_err(|error| fail("putting in place", error.error))?;
+        sync_folder(folder(&path)).map_err(|error| fail("storing its folder", error))
     }
 }
 
@@ -77,6 +93,20 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     let mut file = WholeFile::create(path)?;
     file.write_all(bytes).map_err(|source| file.failed(source))?;
     file.commit()
+}
+
+/// Writes files that tell of each other: none is put in place before all are stored, as a full disk would part them.
+///
+/// # Errors
+/// When one can't be written.
+pub(crate) fn write_together(files: &[(PathBuf, Vec<u8>)]) -> Result<(), WriteError> {
+    let store = |(path, bytes): &(PathBuf, Vec<u8>)| {
+        let mut file = WholeFile::create(path)?;
+        file.write_all(bytes).map_err(|source| file.failed(source))?;
+        file.store()
+    };
+    let stored: Vec<Stored> = files.iter().map(store).collect::<Result<_, _>>()?;
+    stored.into_iter().try_for_each(Stored::put_in_place)
 }
 
 fn folder(path: &Path) -> &Path {
@@ -124,6 +154,24 @@ mod tests {
         write_whole(&path, b"new").unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"new");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn files_that_belong_together_are_not_parted() {
+        let folder = tempfile::tempdir().unwrap();
+        let (image, yaml) = (folder.path().join("map.pgm"), folder.path().join("map.yaml"));
+        let files = |text: &[u8]| vec![(image.clone(), text.to_vec()), (yaml.clone(), text.to_vec())];
+        write_together(&files(b"old")).unwrap();
+        let mut parted = files(b"new");
+        parted[1].0 = folder.path().join("nowhere/map.yaml");
+        let error = write_together(&parted).unwrap_err();
+        assert!(error.to_string().contains("nowhere/map.yaml"), "{error}");
+        assert_eq!(
+            (std::fs::read(&image).unwrap(), std::fs::read_dir(folder.path()).unwrap().count()),
+            (b"old".to_vec(), 2)
+        );
+        write_together(&files(b"new")).unwrap();
+        assert_eq!((std::fs::read(&image).unwrap(), std::fs::read(&yaml).unwrap()), (b"new".to_vec(), b"new".to_vec()));
     }
 
     #[test]

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::map_server::{self, MapMode, Thresholds};
 use super::{MapDocument, MapError, OccupancyMap, doubt, native, npy, picture};
 use crate::WriteError;
-use crate::whole_file::write_whole;
+use crate::whole_file::{write_together, write_whole};
 
 /// A file that a map is saved to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -59,7 +59,7 @@ impl MapFileOptions {
 pub struct MapFiles;
 
 impl MapFiles {
-    /// The names of the files that [`MapFiles::write_all`] writes, in its order: those of the doubt, the last ones, if there is any.
+    /// The names of the files that [`MapFiles::write_all`] writes: those of the doubt, the last ones, if there is any.
     #[must_use]
     pub fn names(options: &MapFileOptions) -> Vec<String> {
         let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
@@ -76,7 +76,7 @@ impl MapFiles {
     }
 
     /// Writes the chosen files into a folder, which is made if it is not there; each file whole or
-    /// not at all, the native map first. The paths written.
+    /// not at all, the native map first, and those that share the frame that the YAML tells together. The paths written.
     ///
     /// # Errors
     /// When a file can't be written; those written before it are there then. When the known cells
@@ -98,28 +98,39 @@ impl MapFiles {
         if options.has(MapFormat::Png) {
             write_whole(&file("map.png"), &picture::encode(document, options.draw_path)?)?;
         }
-        let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
-        if pgm || npy {
-            let map = OccupancyMap::of(&document.grid)?;
-            if pgm {
-                map_server::write(folder, "map", &map, options.mode, options.thresholds)?;
-            } else {
-                map_server::write_array_yaml(&file("map.yaml"), &map, options.thresholds, "map.npy".into())?;
-            }
-            if npy {
-                write_whole(&file("map.npy"), &npy::encode(&map))?;
-            }
-        }
-        if let Some(metres) = &document.doubt {
-            if options.has(MapFormat::Png) {
-                write_whole(&file(doubt::PICTURE), &doubt::encode_picture(metres, &document.grid)?)?;
-            }
-            if npy {
-                write_whole(&file(doubt::ARRAY), &doubt::encode_array(metres, &document.grid)?)?;
-            }
+        write_together(&Self::framed(folder, document, options)?)?;
+        if let Some(metres) = document.doubt.as_ref().filter(|_| options.has(MapFormat::Png)) {
+            write_whole(&file(doubt::PICTURE), &doubt::encode_picture(metres, &document.grid)?)?;
         }
         let is_written = |name: &String| document.doubt.is_some() || ![doubt::PICTURE, doubt::ARRAY].contains(&&**name);
         Ok(Self::names(options).iter().filter(|name| is_written(name)).map(|name| file(name)).collect())
+    }
+
+    /// The files that lie in the rectangle that `map.yaml` tells, and it.
+    fn framed(
+        folder: &Path,
+        document: &MapDocument,
+        options: &MapFileOptions,
+    ) -> Result<Vec<(PathBuf, Vec<u8>)>, MapError> {
+        let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
+        let mut files = Vec::new();
+        if !(pgm || npy) {
+            return Ok(files);
+        }
+        let map = OccupancyMap::of(&document.grid)?;
+        if pgm {
+            files.extend(map_server::files(folder, "map", &map, options.mode, options.thresholds)?);
+        } else {
+            let yaml = map_server::array_yaml(&map, options.thresholds, "map.npy".into());
+            files.push((folder.join("map.yaml"), yaml));
+        }
+        if npy {
+            files.push((folder.join("map.npy"), npy::encode(&map)));
+            if let Some(metres) = &document.doubt {
+                files.push((folder.join(doubt::ARRAY), doubt::encode_array(metres, &document.grid)?));
+            }
+        }
+        Ok(files)
     }
 }
 

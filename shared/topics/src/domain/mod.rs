@@ -200,7 +200,10 @@ impl Domain {
             return DomainError::OtherUser { name: self.name.clone(), user };
         }
         let running = running().join(", ");
-        DomainError::NotRunning { name: self.name.clone(), running: if running.is_empty() { "none".into() } else { running } }
+        DomainError::NotRunning {
+            name: self.name.clone(),
+            running: if running.is_empty() { "none".into() } else { running },
+        }
     }
 
     /// Its objects in shared memory.

@@ -52,7 +52,8 @@ pub(super) fn open_lock(path: &Path) -> std::io::Result<File> {
 /// # Errors
 /// The system refuses.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), DomainError> {
-    let mut file = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(path).map_err(io(path))?;
+    let mut file =
+        OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(path).map_err(io(path))?;
     // One that was there keeps the mode it had.
     file.set_permissions(Permissions::from_mode(0o600)).map_err(io(path))?;
     file.write_all(bytes).map_err(io(path))

@@ -19,7 +19,7 @@ mod yaml;
 
 pub use read::{read, read_image};
 pub use write::{Thresholds, encode_image, write};
-pub(crate) use write::{image_name, write_array_yaml};
+pub(crate) use write::{array_yaml, files, image_name};
 pub use yaml::{MapMode, MapYaml, YamlError};
 
 /// Longest side of an image, pixels.

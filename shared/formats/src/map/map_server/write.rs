@@ -7,7 +7,7 @@ use image::ExtendedColorType;
 use super::{MapMode, MapYaml};
 use crate::map::picture::encode_png;
 use crate::map::{MapError, OccupancyMap};
-use crate::whole_file::write_whole;
+use crate::whole_file::write_together;
 
 const OCCUPIED: u8 = 0;
 const FREE: u8 = 254;
@@ -59,7 +59,7 @@ pub(crate) fn image_name(stem: &str, mode: MapMode) -> String {
     }
 }
 
-/// Writes `stem.yaml` and its image into a folder: `stem.pgm`, in mode `scale` `stem_scale.png`.
+/// Writes `stem.yaml` and its image into a folder: `stem.pgm`, in mode `scale` `stem_scale.png`; both or neither.
 /// The paths written, the image first.
 ///
 /// # Errors
@@ -71,23 +71,29 @@ pub fn write(
     mode: MapMode,
     thresholds: Thresholds,
 ) -> Result<Vec<PathBuf>, MapError> {
-    let image = image_name(stem, mode);
-    let (image_path, yaml_path) = (folder.join(&image), folder.join(format!("{stem}.yaml")));
-    write_whole(&image_path, &encode_image(map, mode, thresholds)?)?;
-    write_whole(&yaml_path, yaml(map, mode, thresholds, image).to_string().as_bytes())?;
-    Ok(vec![image_path, yaml_path])
+    let files = files(folder, stem, map, mode, thresholds)?;
+    write_together(&files)?;
+    Ok(files.into_iter().map(|(path, _)| path).collect())
 }
 
-/// Writes the YAML of an array that has no image beside it: where it lies, and how large its cells are.
-pub(crate) fn write_array_yaml(
-    path: &Path,
+/// What [`write`] writes, path and bytes.
+pub(crate) fn files(
+    folder: &Path,
+    stem: &str,
     map: &OccupancyMap,
+    mode: MapMode,
     thresholds: Thresholds,
-    array: String,
-) -> Result<(), MapError> {
+) -> Result<[(PathBuf, Vec<u8>); 2], MapError> {
+    let image = image_name(stem, mode);
+    let bytes = encode_image(map, mode, thresholds)?;
+    let yaml = yaml(map, mode, thresholds, image.clone()).to_string();
+    Ok([(folder.join(image), bytes), (folder.join(format!("{stem}.yaml")), yaml.into_bytes())])
+}
+
+/// The YAML of an array that has no image beside it: where it lies, and how large its cells are.
+pub(crate) fn array_yaml(map: &OccupancyMap, thresholds: Thresholds, array: String) -> Vec<u8> {
     let yaml = yaml(map, MapMode::Trinary, thresholds, array);
-    let text = format!("# Resolution and origin of a NumPy array of probabilities; no image for map_server.\n{yaml}");
-    Ok(write_whole(path, text.as_bytes())?)
+    format!("# Resolution and origin of a NumPy array of probabilities; no image for map_server.\n{yaml}").into_bytes()
 }
 
 /// The YAML that goes with an image written in a mode.
