@@ -4,6 +4,7 @@ pub mod cli;
 pub mod commands;
 pub mod config;
 pub mod in_process;
+pub mod limits;
 pub mod progress;
 pub mod sonars;
 pub mod summary;

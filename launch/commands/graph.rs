@@ -18,6 +18,7 @@ use echogrid_topics::wire::MAX_SENSORS;
 
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
+use crate::limits;
 use crate::progress::Display;
 use crate::summary::Summary;
 use crate::supervisor::{self, Graph};
@@ -70,6 +71,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),
         ready_within,
     };
+    limits::allow_files(limits::files_needed(config.services.len() as u64));
     let start = SystemTime::now();
     let mut display = Display::new(view.quiet, view.verbose);
     let outcome = supervisor::run(&graph, &mut display)?;

@@ -142,11 +142,16 @@ fn where_shared_memory_is_small() {
     let output = drive.map("maps", &[]);
     refused(&output, &["/dev/shm has 7 MiB free, this graph can need ", "--shm-size"]);
     assert_eq!(std::fs::read_dir("/dev/shm").unwrap().count(), 0);
-    // The size that it names is enough.
+    // The size that it names is enough, once there is room for so many files, too.
     let error = String::from_utf8_lossy(&output.stderr);
     let size = error.split("--shm-size=").nth(1).and_then(|rest| rest.split(')').next()).unwrap();
-    let mount =
-        std::process::Command::new("mount").args(["-o", &format!("remount,size={size}"), "/dev/shm"]).status().unwrap();
-    assert!(mount.success());
+    let remount = |options: &str| {
+        let mount =
+            std::process::Command::new("mount").args(["-o", &format!("remount,{options}"), "/dev/shm"]).status();
+        assert!(mount.unwrap().success(), "{options}");
+    };
+    remount(&format!("size={size},nr_inodes=100"));
+    refused(&drive.map("maps", &[]), &["/dev/shm has room for ", " more files", "nr_inodes=64k"]);
+    remount("nr_inodes=64k");
     summary(&drive.map("maps", &["--json", "-q"]));
 }

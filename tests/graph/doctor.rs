@@ -64,6 +64,15 @@ fn what_would_fail_is_a_problem_with_what_mends_it() {
 }
 
 #[test]
+fn a_low_limit_of_open_files_is_raised() {
+    let drive = Drive::new(0.5);
+    let mut command = Command::new("sh");
+    command.args(["-c", "ulimit -S -n 100 && exec \"$0\" \"$@\"", ECHOGRID]);
+    let output = command.args(drive.map_arguments("maps", &["-q"])).output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+}
+
+#[test]
 fn leftovers_are_told_and_cleaned_and_what_runs_is_not() {
     // Where no other test's launcher sweeps them first.
     let folder = tempfile::tempdir().unwrap();

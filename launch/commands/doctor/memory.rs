@@ -1,12 +1,9 @@
 //! Shared memory: enough of it, and where it should be.
 
-use echogrid_topics::domain::{SHM, SharedMemory};
+use echogrid_topics::domain::{SHM, SharedMemory, files_needed};
 
 use super::finding::{Finding, size};
 use super::need::Need;
-
-/// What a graph of five services and some tools makes is 400 files.
-const INODES: u64 = 1024;
 
 /// What is known of it.
 pub(super) struct Facts(Result<SharedMemory, String>);
@@ -25,7 +22,7 @@ impl Facts {
             }
         };
         let mut findings = vec![room(memory, need)];
-        findings.extend(files(memory));
+        findings.extend(files(memory, files_needed(need.services)));
         findings.extend(kind(memory));
         findings
     }
@@ -35,9 +32,9 @@ fn room(memory: &SharedMemory, need: &Need) -> Finding {
     let SharedMemory { total_bytes, free_bytes, promised_bytes, .. } = *memory;
     let needed = need.shared_bytes;
     let mut text = format!(
-        "{} free in {SHM}, at most {} needed (scans of {} readings, {} services)",
+        "{} free in {SHM}, at most {} MiB needed (scans of {} readings, {} services)",
         size(free_bytes),
-        size(needed),
+        needed.div_ceil(1 << 20),
         need.max_readings,
         need.services
     );
@@ -60,15 +57,15 @@ fn room(memory: &SharedMemory, need: &Need) -> Finding {
     ])
 }
 
-fn files(memory: &SharedMemory) -> Option<Finding> {
+fn files(memory: &SharedMemory, needed: u64) -> Option<Finding> {
     let free = memory.free_inodes?;
-    let text = format!("{free} files can be made in {SHM}, {INODES} may be needed");
-    let finding = if free < INODES {
-        Finding::problem("inodes", text, format!("mount -o remount,nr_inodes={} {SHM}", 64 * INODES))
+    let text = format!("{free} files can be made in {SHM}, {needed} may be needed");
+    let finding = if free < needed {
+        Finding::problem("inodes", text, format!("mount -o remount,nr_inodes=64k {SHM}"))
     } else {
         Finding::ok("inodes", text)
     };
-    Some(finding.with([("free", free), ("needed", INODES)]))
+    Some(finding.with([("free", free), ("needed", needed)]))
 }
 
 /// Nothing, unless it is not what it should be.

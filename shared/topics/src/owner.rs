@@ -4,7 +4,7 @@ use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, EventId, ZeroCopySend, ipc};
 
 use crate::control;
-use crate::domain::{Claim, Domain, check_memory};
+use crate::domain::{Claim, Domain, check_memory, files_needed};
 use crate::participant::{Bell, Participant, Sized, Slice, TopicError, attribute_failed, service_name};
 use crate::topic::{Qos, Topic, memory_budget_bytes};
 use crate::wire::{
@@ -35,7 +35,8 @@ impl Owner {
     /// The domain is in use, or /dev/shm is too small or refuses.
     pub fn create(domain: Domain, max_readings: usize, services: &[&str]) -> Result<Self, TopicError> {
         let claim = domain.claim()?;
-        check_memory(memory_budget_bytes(max_readings, services.len() as u64))?;
+        let count = services.len() as u64;
+        check_memory(memory_budget_bytes(max_readings, count), files_needed(count))?;
         let participant = Participant::join(claim.domain(), "launcher")?;
         let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
         for topic in Topic::ALL {

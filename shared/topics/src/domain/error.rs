@@ -65,6 +65,16 @@ pub enum DomainError {
         /// The size with which it would be enough, MiB.
         enough_mib: u64,
     },
+    /// Not enough files in shared memory.
+    #[error(
+        "{SHM} has room for {free} more files, this graph can need {needed}: remove some, or allow more (mount -o remount,nr_inodes=64k {SHM})"
+    )]
+    ShmTooFewFiles {
+        /// As many can still be made.
+        free: u64,
+        /// As many can be needed.
+        needed: u64,
+    },
     /// The system refused.
     #[error("{path}: {source}", path = .path.display())]
     Io {

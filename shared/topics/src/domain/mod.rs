@@ -20,7 +20,7 @@ use nix::fcntl::{Flock, FlockArg};
 use nix::unistd::Uid;
 
 pub use error::DomainError;
-pub use memory::{SharedMemory, check_memory};
+pub use memory::{SharedMemory, check_memory, files_needed};
 pub use others::{User, others};
 pub use private::{Exposed, exposed, write as write_private};
 pub use survey::{Leftover, Running, clean, graphs, leftovers, running};
