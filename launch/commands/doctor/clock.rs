@@ -78,7 +78,7 @@ fn synchronised() -> Option<bool> {
     let mut state: libc::timex = unsafe { core::mem::zeroed() };
     // SAFETY: the kernel writes into the structure that it is given.
     let code = unsafe { libc::adjtimex(&raw mut state) };
-    (code >= 0).then(|| state.status & libc::STA_UNSYNC == 0)
+    (code >= 0).then_some(state.status & libc::STA_UNSYNC == 0)
 }
 
 #[cfg(test)]

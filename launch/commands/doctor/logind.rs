@@ -69,7 +69,7 @@ fn removes(files: impl Iterator<Item = String>) -> bool {
         let (key, value) = line.split_once('=')?;
         (key.trim() == "RemoveIPC").then(|| value.trim().to_ascii_lowercase())
     };
-    let last = files.filter_map(|text| text.lines().filter_map(says).last()).last();
+    let last = files.filter_map(|text| text.lines().filter_map(says).next_back()).last();
     last.is_none_or(|value| !["no", "false", "off", "0", "n", "f"].contains(&value.as_str()))
 }
 
