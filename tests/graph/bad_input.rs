@@ -3,7 +3,7 @@
 use std::io::Write as _;
 use std::process::Output;
 
-use crate::support::{Drive, echogrid, folder_in_a_namespace, in_a_namespace, said, summary};
+use crate::support::{Drive, echogrid, folder_in_a_namespace, in_a_namespace, mount_shared_memory, said, summary};
 
 /// Runs with `arguments`; the one error must hold every one of `snippets`.
 fn check(arguments: &[&str], snippets: &[&str]) {
@@ -145,13 +145,8 @@ fn where_shared_memory_is_small() {
     // The size that it names is enough, once there is room for so many files, too.
     let error = String::from_utf8_lossy(&output.stderr);
     let size = error.split("--shm-size=").nth(1).and_then(|rest| rest.split(')').next()).unwrap();
-    let remount = |options: &str| {
-        let mount =
-            std::process::Command::new("mount").args(["-o", &format!("remount,{options}"), "/dev/shm"]).status();
-        assert!(mount.unwrap().success(), "{options}");
-    };
-    remount(&format!("size={size},nr_inodes=100"));
+    mount_shared_memory(&format!("size={size},nr_inodes=100"));
     refused(&drive.map("maps", &[]), &["/dev/shm has room for ", " more files", "nr_inodes=64k"]);
-    remount("nr_inodes=64k");
+    mount_shared_memory(&format!("size={size},nr_inodes=64k"));
     summary(&drive.map("maps", &["--json", "-q"]));
 }

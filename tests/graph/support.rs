@@ -116,6 +116,12 @@ pub(crate) fn in_a_namespace(name: &str, mount: &str, folder: &Path) {
     assert!(passed, "no test {name}: {}", said(&output));
 }
 
+/// In a namespace, puts another shared memory in place of the one there was. (In that of a user, none can be remounted.)
+pub(crate) fn mount_shared_memory(options: &str) {
+    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", options, "tmpfs", "/dev/shm"]).status();
+    assert!(mount.unwrap().success(), "{options}");
+}
+
 /// The folder of a test that runs in a namespace; none where it does not, and has nothing to do.
 pub(crate) fn folder_in_a_namespace() -> Option<PathBuf> {
     std::env::var_os(FOLDER).map(PathBuf::from)

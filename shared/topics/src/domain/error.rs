@@ -21,9 +21,15 @@ pub enum DomainError {
     },
     /// Processes of a dead launcher will not leave.
     #[error(
-        "domain {0:?}: processes of an earlier run are still alive; end them (pkill -9 echogrid) or choose another --domain"
+        "domain {name:?}: processes of an earlier run are still alive; end them (fuser -k {held}) or choose another --domain",
+        held = .held.display()
     )]
-    Haunted(String),
+    Haunted {
+        /// The domain.
+        name: String,
+        /// What they hold: nobody else does.
+        held: PathBuf,
+    },
     /// Nobody runs in it.
     #[error("domain {name:?}: no echogrid runs there (running: {running})")]
     NotRunning {

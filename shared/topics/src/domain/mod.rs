@@ -133,7 +133,7 @@ impl Domain {
         let deadline = Instant::now() + ORPHANS_LEAVE_WITHIN;
         while lock(&self.member_lock(), FlockArg::LockExclusiveNonblock)?.is_none() {
             if Instant::now() > deadline {
-                return Err(DomainError::Haunted(self.name));
+                return Err(DomainError::Haunted { held: self.member_lock(), name: self.name });
             }
             // The kernel has no timed flock; orphans leave within 2 s.
             std::thread::sleep(Duration::from_millis(10));
