@@ -252,6 +252,9 @@ pub enum Command {
         #[arg(long = "set", value_name = "KEY=VALUE")]
         sets: Vec<String>,
     },
+    /// Cleans up after the dead of a domain (the launcher's helper).
+    #[command(hide = true)]
+    Janitor,
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
         /// replay, simulator, odometry, localizer, mapper or publisher.
@@ -342,6 +345,12 @@ pub struct Settings {
     /// Keeps this graph apart from others on the machine [default: one of its own].
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
+    /// Stores on disk, in this folder, what the run can be resumed from when all of it died.
+    #[arg(long, value_name = "DIR")]
+    pub spool: Option<String>,
+    /// Goes on with the run that is spooled (--spool).
+    #[arg(long)]
+    pub resume: bool,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
     /// a log that knows); or a file: surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
     #[arg(long, value_name = "SOURCE|FILE")]
@@ -383,6 +392,8 @@ impl Settings {
             rate: self.rate,
             robot: self.robot,
             domain: self.domain,
+            spool: self.spool,
+            resume: self.resume,
             fix: self.fix,
             fix_every: self.fix_every,
             sets: self.sets,

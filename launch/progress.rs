@@ -51,14 +51,19 @@ fn style(known_length: bool) -> ProgressStyle {
 
 impl Observer for Display {
     fn event(&mut self, event: &Event<'_>) {
-        if !self.verbose {
-            return;
-        }
-        match event {
-            Event::Started { name, pid } => self.line(&format!("{name} started (process {pid})")),
-            Event::Ready => self.line("all services ready"),
-            Event::Ended { name, how } => self.line(&format!("{name} ended: {how}")),
-        }
+        let text = match event {
+            // What went wrong is always worth a line, what goes well is not.
+            Event::Restarting { name, why, number, after } => {
+                format!("{name} died ({why}): restart {number} in {:.1} s", after.as_secs_f64())
+            }
+            Event::GivenUp { name, why } => format!("{name} died ({why}): given up, the others go on without it"),
+            Event::Rebuilt { why } => format!("{why}: the graph's shared memory is made anew"),
+            _ if !self.verbose => return,
+            Event::Started { name, pid } => format!("{name} started (process {pid})"),
+            Event::Ready => "all services ready".to_owned(),
+            Event::Ended { name, how } => format!("{name} ended: {how}"),
+        };
+        self.line(&text);
     }
 
     fn progress(&mut self, progress: &Progress<'_>) {

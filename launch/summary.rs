@@ -1,5 +1,6 @@
 //! What a run came to, for people and as JSON.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -60,6 +61,10 @@ pub struct Summary {
     pub faulty_messages: u64,
     /// Messages that never arrived, over all services.
     pub lost_messages: u64,
+    /// How often each service was started again, of those that were.
+    pub restarts: BTreeMap<String, u32>,
+    /// Services that were given up while the others went on, and why.
+    pub given_up: Vec<String>,
     /// What was wrong with the log, counted.
     pub log_faults: Vec<String>,
     /// The files that were written.
@@ -136,6 +141,8 @@ impl Summary {
             startup_s: outcome.startup.as_secs_f64(),
             faulty_messages: sum(outcome.health.values().map(|health| health.faults)),
             lost_messages: sum(outcome.health.values().map(|health| health.lost)),
+            restarts: outcome.restarts.clone(),
+            given_up: outcome.given_up.clone(),
             log_faults: Vec::new(),
             files: Vec::new(),
         }
@@ -217,6 +224,13 @@ impl fmt::Display for Summary {
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;
         if self.lost_messages > 0 || self.faulty_messages > 0 {
             writeln!(f, "messages  {} lost, {} refused as faulty", self.lost_messages, self.faulty_messages)?;
+        }
+        if !self.restarts.is_empty() {
+            let restarts: Vec<String> = self.restarts.iter().map(|(name, count)| format!("{name} {count} ×")).collect();
+            writeln!(f, "restarts  {}", restarts.join(", "))?;
+        }
+        for given_up in &self.given_up {
+            writeln!(f, "given up  {given_up}")?;
         }
         for fault in &self.log_faults {
             writeln!(f, "log       {fault}")?;

@@ -16,6 +16,7 @@ use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::MAX_SENSORS;
 
+use super::spool::Spool;
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
 use crate::limits;
@@ -23,8 +24,6 @@ use crate::progress::Display;
 use crate::summary::Summary;
 use crate::supervisor::{self, Graph};
 
-/// From the start of a service to its first sign of life.
-const READY_WITHIN: Duration = Duration::from_secs(30);
 /// Scans of a sensor that says nothing of its size before it starts.
 const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 
@@ -54,14 +53,27 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
     }
     // The sensor will read log or world as we did, beside the others.
-    let ready_within = READY_WITHIN + 4 * surveyed.elapsed();
+    let ready_within = Duration::from_secs_f64(config.supervision.ready_within_s) + 4 * surveyed.elapsed();
     probe_record(&config.simulator.record, &config.run.out)?;
     probe_output(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
     };
-    let plan = plan(config, survey.as_ref())?;
+    let mut plan = plan(config, survey.as_ref())?;
+    let spool = &config.run.spool;
+    ensure!(
+        !request.resume || !spool.as_os_str().is_empty(),
+        "--resume needs --spool FOLDER: where the run was spooled"
+    );
+    let spool = (!spool.as_os_str().is_empty())
+        .then(|| Spool::open(spool, request.resume, plan.epoch, &plan.config))
+        .transpose()?;
+    if let Some(spool) = &spool {
+        plan.epoch = spool.epoch();
+        plan.state = Some(spool.folder().into());
+        plan.synced = true;
+    }
     let graph = Graph {
         domain,
         services: &config.services,
@@ -70,13 +82,15 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
         log_json: view.log_format == "json",
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),
         ready_within,
+        supervision: &config.supervision,
     };
     limits::allow_files(limits::files_needed(config.services.len() as u64));
     let start = SystemTime::now();
     let mut display = Display::new(view.quiet, view.verbose);
-    let outcome = supervisor::run(&graph, &mut display)?;
+    let outcome = supervisor::run(graph, &mut display)?;
     drop(display);
     outcome.check().with_context(|| kept(config, start))?;
+    spool.map_or(Ok(()), Spool::remove)?;
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
@@ -116,6 +130,9 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
             Rate::Times(times) => Some(times),
         },
         max_readings: max_readings(config, survey),
+        epoch: new_epoch(),
+        state: None,
+        synced: false,
         consumers: supervisor::consumers(&config.services),
         config: table,
     })
@@ -125,6 +142,13 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
 pub(super) fn max_readings(config: &Config, survey: Option<&LogSurvey>) -> usize {
     let of_robot = config.robot.as_ref().map_or(READINGS_OF_AN_UNKNOWN_SENSOR, Robot::transducer_count);
     survey.map_or(of_robot, |survey| survey.max_readings_per_scan).max(1)
+}
+
+/// Differs between any two runs of this machine.
+fn new_epoch() -> u64 {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    // Never 0, which means "no message yet".
+    since.as_nanos() as u64 | 1
 }
 
 /// Where the map comes from: what goes into its file.

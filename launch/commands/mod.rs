@@ -10,6 +10,7 @@ mod graph;
 mod observer;
 mod score;
 mod service;
+mod spool;
 mod talk;
 mod walls;
 mod why;
@@ -76,6 +77,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Evaluate { worlds, seeds, logs, workload, out, learn, json, sets }) => {
             evaluate::run(&evaluate::Request { worlds, seeds, logs, workload, out, learn, json, sets })
         }
+        Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),
     };

@@ -1,6 +1,7 @@
 //! In the publisher's place: what a map was at given moments.
 
 use anyhow::{Context, Result};
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, Pose2, Tile, Verdict};
 use echogrid_formats::map::sheet::Panel;
 use echogrid_publisher::PublisherService;
@@ -120,6 +121,13 @@ impl Service for Observer {
 
     fn outputs(&self) -> &'static [Topic] {
         &[]
+    }
+
+    // It lives in one process with the others.
+    fn save(&mut self, _parts: &mut Parts) {}
+
+    fn restore(&mut self, _saved: &Saved) -> Result<()> {
+        Ok(())
     }
 
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {

@@ -3,7 +3,9 @@
 use std::io::Write;
 use std::process::{Command, ExitCode};
 
+use anyhow::Context;
 use echogrid_service::plan::DOMAIN_VARIABLE;
+use echogrid_topics::Domain;
 
 use crate::config::Builtin;
 
@@ -36,4 +38,12 @@ fn reexecute(name: &str, domain: &str) -> ExitCode {
     };
     let _ = writeln!(std::io::stderr(), "echogrid: starting {name}: {error}");
     ExitCode::FAILURE
+}
+
+/// Cleans up after the dead of the domain that the environment names: the launcher's helper, as cleaning can hang.
+pub(super) fn janitor() -> anyhow::Result<()> {
+    let domain = std::env::var(DOMAIN_VARIABLE).with_context(|| format!("{DOMAIN_VARIABLE} is not set"))?;
+    let cleaned = echogrid_topics::janitor::clean(&Domain::named(&domain)?)?;
+    anyhow::ensure!(cleaned.failed == 0, "what {} dead processes left could not be removed", cleaned.failed);
+    Ok(())
 }

@@ -114,6 +114,7 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
                     ServiceState::Draining => "draining",
                     ServiceState::Finished => "finished",
                     ServiceState::Failed => "failed",
+                    ServiceState::Gone => "gone",
                 };
                 let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
                 let Health { pid, progress, faults, lost, .. } = health;

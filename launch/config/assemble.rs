@@ -31,6 +31,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.localizer = section("localizer", &config.localizer, settings)?;
     config.mapper = section("mapper", &config.mapper, settings)?;
     config.publisher = section("publisher", &config.publisher, settings)?;
+    config.supervision = section("supervision", &config.supervision, settings)?;
     Ok(config)
 }
 
@@ -59,6 +60,7 @@ struct Draft {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    care: Table,
     origin: Option<Origin>,
 }
 
@@ -84,6 +86,7 @@ pub(crate) fn services(
             [key, variable] if key == "env" => {
                 draft.env.insert(variable.clone(), text().unwrap_or_default());
             }
+            [key] => drop(draft.care.insert(key.clone(), setting.value.clone())),
             _ => {}
         }
     }
@@ -126,7 +129,13 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
             }
         })?,
     };
-    Ok(Service { kind, exec, args: draft.args, env: draft.env })
+    let care = Value::Table(draft.care).try_into().map_err(|error: toml::de::Error| Problem {
+        origin: draft.origin,
+        key: format!("services.{name}"),
+        value: None,
+        message: error.message().replace('\n', " "),
+    })?;
+    Ok(Service { kind, exec, args: draft.args, env: draft.env, care })
 }
 
 fn texts(value: &Value) -> Vec<String> {

@@ -25,6 +25,7 @@ mod schema;
 mod service;
 mod source;
 mod suggest;
+mod supervision;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -48,7 +49,8 @@ pub use request::LoadRequest;
 pub use robot::builtin_robots;
 pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
-pub use service::{Builtin, Exec, Service, ServiceKind, default_services};
+pub use service::{Builtin, Care, Exec, Service, ServiceKind, default_services};
+pub use supervision::{Restart, Strategy, SupervisionConfig};
 
 /// The effective configuration: validated, every default filled in, every path absolute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -72,6 +74,8 @@ pub struct Config {
     pub mapper: MapperConfig,
     /// The files that a map is saved to.
     pub publisher: PublisherConfig,
+    /// What happens when a service dies or hangs.
+    pub supervision: SupervisionConfig,
     /// The robot that `run.robot` names; none when the log is to say. Not a table of a graph file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub robot: Option<Robot>,
@@ -89,6 +93,7 @@ impl Default for Config {
             localizer: LocalizerConfig::default(),
             mapper: MapperConfig::default(),
             publisher: PublisherConfig::default(),
+            supervision: SupervisionConfig::default(),
             robot: None,
         }
     }

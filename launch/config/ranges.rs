@@ -32,6 +32,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     add("localizer", refused(&config.localizer, |section| section.validate()));
     add("mapper", refused(&config.mapper, |section| section.validate()));
     add("publisher", refused(&config.publisher, |section| section.validate()));
+    add("supervision", refused(&config.supervision, |section| section.validate()));
     found.extend(config.robot.as_ref().and_then(|robot| absent_sonar(&config.mapper, robot, origins)));
     found
 }

@@ -21,6 +21,10 @@ pub struct LoadRequest {
     pub out: Option<String>,
     /// `--domain`.
     pub domain: Option<String>,
+    /// `--spool`.
+    pub spool: Option<String>,
+    /// `--resume`: goes on with what is spooled.
+    pub resume: bool,
     /// `--sensor`: the name of a built-in sensor, or an executable.
     pub sensor: Option<String>,
     /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`) or of a reference path.
@@ -59,6 +63,7 @@ impl LoadRequest {
             ("--rate", "run.rate", &self.rate),
             ("--out", "run.out", &self.out),
             ("--domain", "run.domain", &self.domain),
+            ("--spool", "run.spool", &self.spool),
             ("--sensor", &sensor_key, &sensor),
             ("--fix", "localizer.source", &fix),
             ("RECORD", "simulator.record", &self.record),

@@ -8,7 +8,7 @@ use super::problem::Problem;
 use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind};
 
 /// Variables by which a service finds its graph.
-const LAUNCHERS_OWN: [&str; 3] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE"];
+const LAUNCHERS_OWN: [&str; 4] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE", "ECHOGRID_GONE"];
 
 /// What keeps the services from being a graph.
 pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {

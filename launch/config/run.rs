@@ -20,6 +20,8 @@ pub struct RunConfig {
     pub robot: String,
     /// A service of which nothing is heard for so long hangs, and is killed; seconds.
     pub alive_within_s: f64,
+    /// The folder in which services store what a run can be resumed from when all of it died; empty: nowhere.
+    pub spool: PathBuf,
 }
 
 impl Default for RunConfig {
@@ -30,6 +32,7 @@ impl Default for RunConfig {
             domain: Domain::Auto,
             robot: AUTO.to_owned(),
             alive_within_s: 30.0,
+            spool: PathBuf::new(),
         }
     }
 }

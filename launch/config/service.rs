@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::run::NotA;
+use super::supervision::Restart;
 
 /// One process of the graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -21,6 +22,31 @@ pub struct Service {
     /// Added to the environment.
     #[serde(default)]
     pub env: BTreeMap<String, String>,
+    /// What happens when it dies, and what it may use.
+    #[serde(flatten)]
+    pub care: Care,
+}
+
+/// What happens when a service dies, and what it may use.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Care {
+    /// Whether it is started again.
+    pub restart: Restart,
+    /// Whether the graph ends when it is given up; else the others go on without it.
+    pub required: bool,
+    /// Its niceness, -20 to 19: below 0 takes a privilege.
+    pub nice: i32,
+    /// The most address space that it may have, MiB; 0: no limit.
+    pub memory_max_mib: u64,
+    /// The most files that it may have open; 0: the launcher's limit.
+    pub open_files_max: u64,
+}
+
+impl Default for Care {
+    fn default() -> Self {
+        Self { restart: Restart::OnFailure, required: true, nice: 0, memory_max_mib: 0, open_files_max: 0 }
+    }
 }
 
 /// The role of a service in the graph, upstream to downstream.
@@ -191,6 +217,7 @@ pub fn default_services(with_localizer: bool) -> BTreeMap<String, Service> {
         exec: Exec::Builtin(kind.default_builtin()),
         args: Vec::new(),
         env: BTreeMap::new(),
+        care: Care::default(),
     };
     let wanted = ServiceKind::ALL.into_iter().filter(|kind| with_localizer || *kind != ServiceKind::Localizer);
     wanted.map(|kind| (kind.word().to_owned(), service(kind))).collect()

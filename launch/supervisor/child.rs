@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
@@ -10,12 +11,16 @@ use std::time::Instant;
 use anyhow::{Context, Result};
 use echogrid_service::lifeline::LIFELINE_VARIABLE;
 use echogrid_service::logging::{FILTER_VARIABLE, FORMAT_VARIABLE};
-use echogrid_service::plan::{DOMAIN_VARIABLE, SERVICE_VARIABLE};
+use echogrid_service::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, SERVICE_VARIABLE};
+use echogrid_service::process::NO_GRAPH;
 use echogrid_topics::{Health, ServiceState};
 use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, pidfd_open, prlimit, setpriority_process};
 
-use crate::config::{Exec, Service, ServiceKind};
+use crate::config::{Care, Exec, Service};
+
+/// The launcher's own executable: the one that runs, whatever lies in its place by now.
+pub(super) const OWN: &str = "/proc/self/exe";
 
 /// A line that a process wrote to standard error.
 #[derive(Debug)]
@@ -23,13 +28,15 @@ pub(super) struct Line {
     pub(super) text: String,
 }
 
-/// A running (or ended) service.
+/// A life of a service.
 #[derive(Debug)]
 pub(super) struct Process {
-    pub(super) name: String,
-    pub(super) kind: ServiceKind,
+    name: String,
     child: Child,
-    started: Instant,
+    pidfd: OwnedFd,
+    pub(super) started: Instant,
+    /// When it said that it is ready.
+    pub(super) ready_at: Option<Instant>,
     last_heard: Option<Instant>,
     pub(super) health: Option<Health>,
     pub(super) status: Option<ExitStatus>,
@@ -44,13 +51,13 @@ impl Process {
         name: &str,
         service: &Service,
         domain: &str,
+        gone: &str,
         logging: &BTreeMap<&str, String>,
         lines: &Sender<Line>,
     ) -> Result<Self> {
         let mut command = match &service.exec {
             Exec::Builtin(builtin) => {
-                let own = std::env::current_exe().context("finding the launcher's own executable")?;
-                let mut command = Command::new(own);
+                let mut command = Command::new(OWN);
                 command.arg0(format!("echogrid-{}", builtin.name())).args(["service", builtin.name()]);
                 command
             }
@@ -61,6 +68,11 @@ impl Process {
             .env(DOMAIN_VARIABLE, domain)
             .env(SERVICE_VARIABLE, name)
             .env(LIFELINE_VARIABLE, "stdin")
+            .env(GONE_VARIABLE, gone)
+            // The launcher alone speaks to systemd.
+            .env_remove("NOTIFY_SOCKET")
+            .env_remove("WATCHDOG_USEC")
+            .env_remove("WATCHDOG_PID")
             .envs(logging)
             .envs(&service.env)
             .stdin(Stdio::piped())
@@ -69,6 +81,8 @@ impl Process {
             // Ctrl-C is the launcher's to pass on, upstream first.
             .process_group(0);
         let mut child = command.spawn().with_context(|| format!("starting {name} ({})", service.exec))?;
+        let pidfd = pidfd(&child)?;
+        limit(&child, name, &service.care)?;
         if let Some(stderr) = child.stderr.take() {
             let lines = lines.clone();
             std::thread::Builder::new()
@@ -85,9 +99,10 @@ impl Process {
         }
         Ok(Self {
             name: name.into(),
-            kind: service.kind,
             child,
+            pidfd,
             started: Instant::now(),
+            ready_at: None,
             last_heard: None,
             health: None,
             status: None,
@@ -103,9 +118,15 @@ impl Process {
         self.status.is_none()
     }
 
-    /// Whether it ended as it should.
+    /// Whether it did all that it was there for.
     pub(super) fn succeeded(&self) -> bool {
-        self.status.is_some_and(|status| status.success())
+        let is_finished = self.health.as_ref().is_some_and(|health| health.state == ServiceState::Finished);
+        self.status.is_some_and(|status| status.success() || is_finished)
+    }
+
+    /// Whether it said that it could not enter the graph.
+    pub(super) fn found_no_graph(&self) -> bool {
+        self.status.and_then(|status| status.code()) == Some(i32::from(NO_GRAPH))
     }
 
     /// Whether it has said that it is ready.
@@ -113,9 +134,18 @@ impl Process {
         self.health.as_ref().is_some_and(|health| health.state > ServiceState::Starting)
     }
 
+    /// Readable when it is gone.
+    pub(super) fn fd(&self) -> BorrowedFd<'_> {
+        self.pidfd.as_fd()
+    }
+
     /// Takes note of what it says of itself.
     pub(super) fn hear(&mut self, health: Health) {
-        self.last_heard = Some(Instant::now());
+        let now = Instant::now();
+        self.last_heard = Some(now);
+        if health.state > ServiceState::Starting {
+            self.ready_at.get_or_insert(now);
+        }
         self.health = Some(health);
     }
 
@@ -138,7 +168,7 @@ impl Process {
         if self.is_alive() {
             self.asked += 1;
             // Gone already is as good.
-            let _ = kill(Pid::from_raw(self.pid() as i32), Signal::SIGTERM);
+            let _ = kill(nix::unistd::Pid::from_raw(self.pid() as i32), Signal::SIGTERM);
         }
     }
 
@@ -173,6 +203,32 @@ impl Drop for Process {
     fn drop(&mut self) {
         self.kill();
     }
+}
+
+/// A descriptor that is readable when the process is gone.
+pub(super) fn pidfd(child: &Child) -> Result<OwnedFd> {
+    pidfd_open(Pid::from_child(child), PidfdFlags::empty()).context("watching over a process (pidfd_open)")
+}
+
+/// What the process may use.
+fn limit(child: &Child, name: &str, care: &Care) -> Result<()> {
+    let pid = Some(Pid::from_child(child));
+    let limit = |resource, most| {
+        let limit = Rlimit { current: Some(most), maximum: Some(most) };
+        prlimit(pid, resource, limit).map(drop)
+    };
+    if care.nice != 0 {
+        setpriority_process(pid, care.nice).with_context(|| format!("services.{name}.nice = {}", care.nice))?;
+    }
+    if care.memory_max_mib > 0 {
+        limit(Resource::As, care.memory_max_mib.saturating_mul(1 << 20))
+            .with_context(|| format!("services.{name}.memory_max_mib = {}", care.memory_max_mib))?;
+    }
+    if care.open_files_max > 0 {
+        limit(Resource::Nofile, care.open_files_max)
+            .with_context(|| format!("services.{name}.open_files_max = {}", care.open_files_max))?;
+    }
+    Ok(())
 }
 
 /// Where the logs of the services go, as their environment.

@@ -1,170 +1,82 @@
 //! A graph of processes, from claim to sweep.
 //!
 //! The supervisor owns the domain, starts every service as a process of its own, listens to their
-//! health, and ends them all: upstream to downstream when the stream ends or the user asks, at once
-//! when one of them fails and nothing more can come.
+//! health, starts again who dies or hangs, and ends them all: upstream to downstream when the stream ends
+//! or the user asks, at once when one of them is given up and nothing more can come.
 
 mod child;
+mod deadlines;
+mod janitor;
+mod policy;
+mod ports;
+mod run;
+mod systemd;
+mod unit;
 
-use std::collections::BTreeMap;
 use std::os::fd::BorrowedFd;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use child::{Line, Process, logging_environment};
-use echogrid_service::Plan;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Domain, Health, Input, MapInfo, Message, Owner, Received, ServiceState, Topic, TrueWorld};
+use echogrid_topics::{Health, Message, Received, ServiceState};
+use janitor::{Cleaned, Janitor};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
+use policy::Decision;
+use ports::Ports;
+pub use run::{Event, Graph, Observer, Outcome, Progress, consumers};
+use systemd::Systemd;
+use unit::{Stage, Unit};
 
-use crate::config::{Service, ServiceKind};
+use crate::config::{ServiceKind, Strategy};
 
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
 /// Likewise when a service failed, for those downstream of it.
 const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
-/// From the sensor's exit until its readers have heard that the streams ended.
-const END_WITHIN: Duration = Duration::from_secs(5);
 /// Between the last request and the kill.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Progress is shown this often, and deadlines looked at.
 const TICK: Duration = Duration::from_millis(100);
-
-/// What is to be run.
-#[derive(Debug)]
-pub struct Graph<'a> {
-    /// Where.
-    pub domain: Domain,
-    /// The processes.
-    pub services: &'a BTreeMap<String, Service>,
-    /// What they are told.
-    pub plan: Plan,
-    /// What they log (`ECHOGRID_LOG`); none: as the environment says.
-    pub log_filter: Option<&'a str>,
-    /// Whether they log as JSON.
-    pub log_json: bool,
-    /// From one sign of life to the next. Writing a large map to a slow disk is one step.
-    pub alive_within: Duration,
-    /// A service that has not become ready for so long hangs.
-    pub ready_within: Duration,
-}
-
-/// How the run is doing.
-#[derive(Debug)]
-pub struct Progress<'a> {
-    /// The sensor's health, once heard.
-    pub sensor: Option<&'a Health>,
-    /// How many services are ready, and of how many.
-    pub ready: (usize, usize),
-}
-
-/// Something that happens once.
-#[derive(Debug)]
-pub enum Event<'a> {
-    /// A process was started.
-    Started {
-        /// The service.
-        name: &'a str,
-        /// Its process.
-        pid: u32,
-    },
-    /// Every service is ready.
-    Ready,
-    /// A process is gone.
-    Ended {
-        /// The service.
-        name: &'a str,
-        /// How, for people.
-        how: String,
-    },
-}
-
-/// What people see of a run while it lasts.
-pub trait Observer {
-    /// Called as things happen.
-    fn event(&mut self, event: &Event<'_>);
-    /// Called about ten times a second.
-    fn progress(&mut self, progress: &Progress<'_>);
-    /// A line that a service logged.
-    fn line(&mut self, line: &str);
-}
-
-/// How a run ended.
-#[derive(Debug, Default)]
-pub struct Outcome {
-    /// The map in numbers, as the mapper last told.
-    pub map: Option<MapInfo>,
-    /// The world, if the sensor is a simulator that tells.
-    pub world: Option<TrueWorld>,
-    /// The last health of each service.
-    pub health: BTreeMap<String, Health>,
-    /// Whether the user stopped it.
-    pub stopped: bool,
-    /// Start to all services ready.
-    pub startup: Duration,
-    /// All services ready to all services gone.
-    pub elapsed: Duration,
-    /// The services that failed and how; the first is the cause.
-    pub failures: Vec<String>,
-    /// Services that had to be killed.
-    pub killed: Vec<String>,
-}
-
-/// Which services read which topic, by the roles in the graph.
-#[must_use]
-pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
-    let mut consumers: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for (name, service) in services {
-        let inputs = match service.kind {
-            ServiceKind::Sensor => &[][..],
-            ServiceKind::Odometry => echogrid_odometry::INPUTS,
-            ServiceKind::Localizer => echogrid_localizer::INPUTS,
-            ServiceKind::Mapper => echogrid_mapper::INPUTS,
-            ServiceKind::Publisher => echogrid_publisher::INPUTS,
-        };
-        for topic in inputs {
-            consumers.entry(topic.name().into()).or_default().push(name.clone());
-        }
-    }
-    consumers
-}
+/// A graph that needs to be made anew more often has something else wrong with it.
+const REBUILDS_MAX: u32 = 3;
 
 /// Runs a graph to its end.
 ///
 /// # Errors
 /// It could not be started. What goes wrong later is in the [`Outcome`].
-pub fn run(graph: &Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
+pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome> {
     // Before any thread is started: threads inherit what is blocked.
-    let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP, Signal::SIGCHLD])?;
-    let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
-    let owner = Owner::create(graph.domain.clone(), graph.plan.max_readings, &names)?;
-    graph.plan.write(owner.domain())?;
-    let health = Input::open(owner.participant(), Topic::Health)?;
-    let info = Input::open(owner.participant(), Topic::MapInfo)?;
-    let world = Input::open(owner.participant(), Topic::TrueWorld)?;
+    let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])?;
+    let ports = Ports::create(&mut graph)?;
+    let graph = &graph;
     let (sender, lines) = channel();
+    let now = Instant::now();
+    // Upstream to downstream: the order in which they will be asked to stop.
+    let mut services: Vec<_> = graph.services.iter().collect();
+    services.sort_by_key(|(_, service)| service.kind);
     let mut supervisor = Supervisor {
-        processes: Vec::new(),
+        units: services.into_iter().map(|(name, service)| Unit::new(name, service, now)).collect(),
+        janitor: None,
+        needs_janitor: false,
+        graph,
         signals,
-        health,
-        info,
-        world,
         lines,
-        started: Instant::now(),
-        alive_within: graph.alive_within,
-        ready_within: graph.ready_within,
+        sender,
+        started: now,
         ready: None,
+        first_output: None,
         ending: None,
         failed: None,
-        sensor_gone_since: None,
+        waiting_since: None,
+        rebuilds: 0,
+        systemd: Systemd::new(),
         outcome: Outcome::default(),
-        _owner: owner,
+        ports,
     };
-    supervisor.start_all(graph, &sender, observer)?;
-    drop(sender);
     supervisor.watch(observer)?;
     Ok(supervisor.finish(observer))
 }
@@ -177,71 +89,99 @@ struct Ending {
 }
 
 #[derive(Debug)]
-struct Supervisor {
+struct Supervisor<'a> {
     // First: on an error the processes are killed before their domain is swept.
-    processes: Vec<Process>,
+    units: Vec<Unit>,
+    janitor: Option<Janitor>,
+    /// Somebody died since the janitor began.
+    needs_janitor: bool,
+    graph: &'a Graph<'a>,
     signals: Signals,
-    health: Input,
-    info: Input,
-    world: Input,
     lines: Receiver<Line>,
+    sender: Sender<Line>,
     started: Instant,
-    alive_within: Duration,
-    ready_within: Duration,
     ready: Option<Instant>,
+    /// When the sensor was first known to have sent something.
+    first_output: Option<Instant>,
     ending: Option<Ending>,
     /// The service farthest upstream that failed.
     failed: Option<ServiceKind>,
-    sensor_gone_since: Option<Instant>,
+    /// Who waits for an end of the sensor's streams, with how many messages, since when.
+    waiting_since: Option<((ServiceKind, u64), Instant)>,
+    rebuilds: u32,
+    systemd: Systemd,
     outcome: Outcome,
-    _owner: Owner,
+    ports: Ports,
 }
 
-impl Supervisor {
-    fn start_all(&mut self, graph: &Graph<'_>, lines: &Sender<Line>, observer: &mut dyn Observer) -> Result<()> {
-        let environment = logging_environment(graph.log_filter, graph.log_json);
-        // Upstream to downstream: the order in which they will be asked to stop.
-        let mut services: Vec<_> = graph.services.iter().collect();
-        services.sort_by_key(|(_, service)| service.kind);
-        for (name, service) in services {
-            let process = Process::start(name, service, graph.domain.name(), &environment, lines)?;
-            observer.event(&Event::Started { name, pid: process.pid() });
-            self.processes.push(process);
-        }
-        Ok(())
-    }
-
+impl<'a> Supervisor<'a> {
     fn watch(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        while self.processes.iter().any(Process::is_alive) {
+        while self.units.iter().any(Unit::is_here) {
+            self.start_who_is_due(observer)?;
             self.wait()?;
             self.take_signals()?;
             self.take_messages()?;
-            if self.ready.is_none() && self.processes.iter().all(Process::is_ready) {
+            if self.ready.is_none() && self.units.iter().all(Unit::is_ready) {
                 self.ready = Some(Instant::now());
+                self.systemd.ready();
                 observer.event(&Event::Ready);
             }
             self.reap(observer)?;
-            self.check_deadlines(observer);
+            self.check_deadlines(observer)?;
+            self.look_at_the_janitor(observer)?;
             self.wind_down();
+            self.systemd.watchdog();
             self.show(observer);
         }
         Ok(())
     }
 
+    /// Starts the services whose time has come, once nothing is left of their dead.
+    fn start_who_is_due(&mut self, observer: &mut dyn Observer) -> Result<()> {
+        if self.janitor.is_some() || self.needs_janitor {
+            return Ok(());
+        }
+        let now = Instant::now();
+        let gone: Vec<&str> = self
+            .units
+            .iter()
+            .filter(|unit| matches!(unit.stage, Stage::Done | Stage::Lost))
+            .map(|unit| unit.name.as_str())
+            .collect();
+        let gone = gone.join(",");
+        let environment = logging_environment(self.graph.log_filter, self.graph.log_json);
+        let domain = self.graph.domain.name();
+        for unit in self.units.iter_mut().filter(|unit| matches!(unit.stage, Stage::Waiting(due) if due <= now)) {
+            let process = Process::start(&unit.name, &unit.service, domain, &gone, &environment, &self.sender)?;
+            observer.event(&Event::Started { name: &unit.name, pid: process.pid() });
+            unit.process = Some(process);
+            unit.stage = Stage::Alive;
+        }
+        Ok(())
+    }
+
     fn wait(&self) -> Result<()> {
-        let fds: [BorrowedFd<'_>; 3] = [self.signals.fd(), self.health.fd(), self.info.fd()];
-        let mut fds = fds.map(|fd| PollFd::new(fd, PollFlags::POLLIN));
-        match poll(&mut fds, PollTimeout::from(TICK.as_millis() as u16)) {
+        let mut fds: Vec<BorrowedFd<'_>> = vec![self.signals.fd(), self.ports.health.fd(), self.ports.info.fd()];
+        fds.extend(self.units.iter().filter_map(Unit::alive).map(Process::fd));
+        fds.extend(self.janitor.as_ref().map(Janitor::fd));
+        let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
+        let now = Instant::now();
+        let due = self.units.iter().filter_map(|unit| match unit.stage {
+            Stage::Waiting(due) => Some(due.saturating_duration_since(now)),
+            _ => None,
+        });
+        // While the janitor is at work its end is what to wait for.
+        let due = due.min().filter(|_| self.janitor.is_none());
+        let patience = due.unwrap_or(TICK).min(TICK).as_micros().div_ceil(1000);
+        match poll(&mut fds, PollTimeout::from(patience as u16)) {
             Ok(_) | Err(Errno::EINTR) => Ok(()),
             Err(errno) => Err(errno).context("waiting for the services"),
         }
     }
 
     fn take_signals(&mut self) -> Result<()> {
-        while let Some(signal) = self.signals.next()? {
-            if signal == Signal::SIGCHLD {
-                continue;
-            }
+        while self.signals.next()?.is_some() {
+            self.systemd.stopping();
             if self.outcome.stopped {
                 // The second time: now.
                 self.ending = Some(Ending { deadline: Instant::now(), pressed: 2 });
@@ -255,8 +195,24 @@ impl Supervisor {
 
     /// Ends the stream at its source; the rest drains, saves and leaves by itself.
     fn end(&mut self, within: Duration) {
-        for process in self.processes.iter_mut().filter(|process| process.kind == ServiceKind::Sensor) {
-            process.ask_to_stop();
+        // After a failure a spooled run is to be resumed: nobody is to think that its stream has ended.
+        let resumable = self.failed.is_some() && self.graph.plan.synced;
+        for unit in self.units.iter_mut().filter(|unit| unit.kind == ServiceKind::Sensor) {
+            match unit.alive_mut() {
+                Some(process) if resumable => {
+                    process.kill();
+                    unit.stage = Stage::Lost;
+                }
+                Some(process) => process.ask_to_stop(),
+                None => {}
+            }
+        }
+        // Who waits to be started again would come to an end.
+        if self.failed.is_some() {
+            self.units
+                .iter_mut()
+                .filter(|unit| matches!(unit.stage, Stage::Waiting(_)))
+                .for_each(|unit| unit.stage = Stage::Lost);
         }
         self.ending.get_or_insert(Ending { deadline: Instant::now() + within, pressed: 0 });
     }
@@ -271,11 +227,10 @@ impl Supervisor {
     /// is asked has heard the last of whoever was before it.
     fn wind_down(&mut self) {
         let Some(failed) = self.failed else { return };
-        let downstream = self.processes.iter().filter(|process| process.is_alive() && process.kind > failed);
-        if let Some(next) = downstream.map(|process| process.kind).min() {
-            for process in self.processes.iter_mut().filter(|process| process.kind == next && process.asked == 0) {
-                process.ask_to_stop();
-            }
+        let downstream = self.units.iter().filter(|unit| unit.alive().is_some() && unit.kind > failed);
+        if let Some(next) = downstream.map(|unit| unit.kind).min() {
+            let next = self.units.iter_mut().filter(|unit| unit.kind == next).filter_map(Unit::alive_mut);
+            next.filter(|process| process.asked == 0).for_each(Process::ask_to_stop);
         } else if let Some(ending) = self.ending.as_mut().filter(|ending| ending.pressed == 0) {
             // Those upstream wait in vain for the one that failed.
             ending.deadline = ending.deadline.min(Instant::now() + LAST_WORDS);
@@ -283,21 +238,25 @@ impl Supervisor {
     }
 
     fn take_messages(&mut self) -> Result<()> {
-        self.health.hush()?;
-        while let Some(received) = self.health.receive()? {
+        self.ports.health.hush()?;
+        let mut newcomers = false;
+        while let Some(received) = self.ports.health.receive()? {
             let Received::Message(_, Message::Health(health)) = received else { continue };
-            if let Some(process) = self.processes.iter_mut().find(|process| process.name == health.service) {
-                process.hear(health);
+            if let Some(unit) = self.units.iter_mut().find(|unit| unit.name == health.service) {
+                newcomers |= unit.hear(health);
             }
         }
-        self.info.hush()?;
-        while let Some(received) = self.info.receive()? {
+        if newcomers {
+            self.tell_who_is_gone()?;
+        }
+        self.ports.info.hush()?;
+        while let Some(received) = self.ports.info.receive()? {
             if let Received::Message(_, Message::Info(info)) = received {
                 self.outcome.map = Some(*info);
             }
         }
-        self.world.hush()?;
-        while let Some(received) = self.world.receive()? {
+        self.ports.world.hush()?;
+        while let Some(received) = self.ports.world.receive()? {
             if let Received::Message(_, Message::TrueWorld(world)) = received {
                 self.outcome.world = Some(world);
             }
@@ -306,94 +265,190 @@ impl Supervisor {
     }
 
     fn reap(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        let mut failed = Vec::new();
-        for process in &mut self.processes {
-            if !process.reap()? {
-                continue;
-            }
-            observer.event(&Event::Ended { name: &process.name, how: process.end() });
-            if !process.succeeded() {
-                failed.push((process.name.clone(), process.kind));
+        let mut dead = Vec::new();
+        for (index, unit) in self.units.iter_mut().enumerate() {
+            if unit.alive_mut().map_or(Ok(false), Process::reap)? {
+                dead.push(index);
             }
         }
-        if !failed.is_empty() {
-            // Its last words may still be on their way.
+        if !dead.is_empty() {
+            // Their last words may still be on their way.
             self.take_messages()?;
         }
-        for (name, kind) in failed {
-            let end = self.processes.iter().find(|process| process.name == name).map(Process::end).unwrap_or_default();
-            // Who was pressed to leave is a consequence, not a cause.
-            if self.ending.as_ref().is_none_or(|ending| ending.pressed == 0) {
-                self.outcome.failures.push(format!("{name}: {end}"));
-            }
-            self.end_after_failure(kind);
+        for index in dead {
+            let how = self.units[index].end();
+            self.buried(index, &how, observer)?;
         }
         Ok(())
     }
 
-    fn check_deadlines(&mut self, observer: &mut dyn Observer) {
-        let now = Instant::now();
-        for process in self.processes.iter_mut().filter(|process| process.is_alive()) {
-            let (limit, what) = if process.is_ready() {
-                (self.alive_within, "no sign of life")
-            } else {
-                (self.ready_within, "not ready")
-            };
-            if now.saturating_duration_since(process.silent_since()) > limit {
-                let name = process.name.clone();
-                self.outcome.failures.push(format!("{name}: {what} for {} s: it hangs", limit.as_secs()));
-                process.kill();
-                observer.event(&Event::Ended { name: &process.name, how: process.end() });
-                let kind = process.kind;
+    /// What comes after the death of a service.
+    fn buried(&mut self, index: usize, why: &str, observer: &mut dyn Observer) -> Result<()> {
+        let graph = self.graph;
+        let unit = &mut self.units[index];
+        observer.event(&Event::Ended { name: &unit.name, how: why.to_owned() });
+        if unit.process.as_ref().is_some_and(Process::succeeded) {
+            unit.stage = Stage::Done;
+            return self.tell_who_is_gone();
+        }
+        self.needs_janitor = true;
+        let found_no_graph = unit.process.as_ref().is_some_and(Process::found_no_graph) && unit.failed_to_start();
+        let restart = unit.service.care.restart;
+        let decision =
+            policy::decide(graph.supervision, restart, self.ending.is_some(), &mut unit.recent, Instant::now());
+        match decision {
+            Decision::Restart(after, number) => {
+                unit.restarts += 1;
+                observer.event(&Event::Restarting { name: &unit.name, why, number, after });
+                let due = Instant::now() + after;
+                unit.stage = Stage::Waiting(due);
+                if graph.supervision.strategy == Strategy::RestForOne {
+                    self.restart_downstream(index, due);
+                }
+                if found_no_graph {
+                    self.rebuild("a service could not enter the graph three times in a row", observer)?;
+                }
+            }
+            Decision::GiveUp(_) if !unit.service.care.required => {
+                unit.stage = Stage::Lost;
+                self.go_on_without(index, why, observer)?;
+            }
+            Decision::GiveUp(policy) => {
+                unit.stage = Stage::Lost;
+                let policy =
+                    if restart == crate::config::Restart::Never { String::new() } else { format!("; {policy}") };
+                let failure = format!("{}: {why}{policy}", unit.name);
+                self.outcome.failures.push(failure);
+                let kind = unit.kind;
                 self.end_after_failure(kind);
-                break;
+            }
+            Decision::Leave => {
+                unit.stage = Stage::Lost;
+                // Who was pressed to leave is a consequence, not a cause.
+                if self.ending.as_ref().is_none_or(|ending| ending.pressed == 0) {
+                    self.outcome.failures.push(format!("{}: {why}", unit.name));
+                }
+                let kind = unit.kind;
+                self.end_after_failure(kind);
             }
         }
-        self.check_for_a_missing_end(now);
-        let Some(ending) = self.ending.as_mut().filter(|ending| now >= ending.deadline) else { return };
-        ending.deadline = now + LAST_WORDS;
-        ending.pressed += 1;
-        let kill = ending.pressed > 2;
-        for process in self.processes.iter_mut().filter(|process| process.is_alive()) {
-            if kill {
-                self.outcome.killed.push(process.name.clone());
+        Ok(())
+    }
+
+    /// The strategy `rest_for_one`: what is derived from a service begins where it does.
+    fn restart_downstream(&mut self, index: usize, due: Instant) {
+        let kind = self.units[index].kind;
+        for unit in self.units.iter_mut().filter(|unit| unit.kind > kind) {
+            if let Some(process) = unit.alive_mut() {
                 process.kill();
-            } else {
-                process.ask_to_stop();
+                unit.stage = Stage::Waiting(due);
             }
         }
     }
 
-    /// A sensor that left without ending its streams leaves the others waiting.
-    fn check_for_a_missing_end(&mut self, now: Instant) {
-        let sensor_gone = self.processes.iter().any(|p| p.kind == ServiceKind::Sensor && p.succeeded());
-        let odometry_gone = self.processes.iter().any(|p| p.kind == ServiceKind::Odometry && p.succeeded());
-        let waiting = |p: &Process| {
-            let waits_for_sensor = match p.kind {
-                ServiceKind::Odometry => true,
-                // All poses have come; what may be missing is the end of the scans.
-                ServiceKind::Mapper => odometry_gone,
-                ServiceKind::Sensor | ServiceKind::Localizer | ServiceKind::Publisher => false,
+    /// Nobody is to wait for a service that is given up.
+    fn go_on_without(&mut self, index: usize, why: &str, observer: &mut dyn Observer) -> Result<()> {
+        let name = &self.units[index].name;
+        observer.event(&Event::GivenUp { name, why });
+        self.outcome.given_up.push(format!("{name}: {why}"));
+        self.tell_who_is_gone()
+    }
+
+    /// Whoever waits for one that has left need not: it may have left before it could be heard.
+    fn tell_who_is_gone(&mut self) -> Result<()> {
+        for unit in self.units.iter().filter(|unit| matches!(unit.stage, Stage::Done | Stage::Lost)) {
+            let gone = Health {
+                service: unit.name.clone(),
+                pid: std::process::id(),
+                state: ServiceState::Gone,
+                progress: 0,
+                total: 0,
+                stamp_ns: 0,
+                faults: 0,
+                lost: 0,
+                acks: Vec::new(),
+                last_error: String::new(),
             };
-            waits_for_sensor && p.health.as_ref().is_some_and(|h| h.state == ServiceState::Running)
-        };
-        if !sensor_gone || self.ending.is_some() || !self.processes.iter().any(|p| p.is_alive() && waiting(p)) {
-            self.sensor_gone_since = None;
-        } else if now.saturating_duration_since(*self.sensor_gone_since.get_or_insert(now)) > END_WITHIN {
-            self.outcome.failures.push("sensor: left without saying that its streams end".into());
-            self.end_after_failure(ServiceKind::Sensor);
+            self.ports.word.send(0, &Message::Health(gone))?;
         }
+        Ok(self.ports.word.ring()?)
+    }
+
+    fn look_at_the_janitor(&mut self, observer: &mut dyn Observer) -> Result<()> {
+        match self.janitor.as_mut().map_or(Cleaned::Done, Janitor::look) {
+            Cleaned::NotYet => return Ok(()),
+            Cleaned::Done => self.janitor = None,
+            Cleaned::Failed => {
+                self.janitor = None;
+                self.rebuild("what a dead process left could not be cleaned up", observer)?;
+            }
+        }
+        // Whoever comes next sweeps what is left of a graph that ends.
+        if std::mem::take(&mut self.needs_janitor) && self.units.iter().any(|u| matches!(u.stage, Stage::Waiting(_))) {
+            self.janitor = Some(Janitor::start(self.graph.domain.name())?);
+        }
+        Ok(())
+    }
+
+    /// Makes the shared memory of the graph anew: what was stored of each service is elsewhere.
+    fn rebuild(&mut self, why: &str, observer: &mut dyn Observer) -> Result<()> {
+        self.rebuilds += 1;
+        if self.rebuilds > REBUILDS_MAX || self.ending.is_some() {
+            self.outcome.failures.push(format!("the graph's shared memory is broken: {why}"));
+            self.end_after_failure(ServiceKind::Sensor);
+            return Ok(());
+        }
+        observer.event(&Event::Rebuilt { why });
+        let now = Instant::now();
+        for unit in &mut self.units {
+            if let Some(process) = unit.alive_mut() {
+                process.kill();
+                unit.stage = Stage::Waiting(now);
+            }
+        }
+        (self.janitor, self.needs_janitor) = (None, false);
+        self.ports.renew(self.graph)
+    }
+
+    fn check_deadlines(&mut self, observer: &mut dyn Observer) -> Result<()> {
+        let now = Instant::now();
+        while let Some((index, why)) = self.hanging(now) {
+            if let Some(process) = self.units[index].alive_mut() {
+                process.kill();
+            }
+            self.buried(index, &why, observer)?;
+        }
+        self.check_for_a_missing_end(now);
+        let Some(ending) = self.ending.as_mut().filter(|ending| now >= ending.deadline) else { return Ok(()) };
+        ending.deadline = now + LAST_WORDS;
+        ending.pressed += 1;
+        let kill = ending.pressed > 2;
+        for unit in &mut self.units {
+            if matches!(unit.stage, Stage::Waiting(_)) {
+                unit.stage = Stage::Lost;
+            }
+            let name = unit.name.clone();
+            let Some(process) = unit.alive_mut() else { continue };
+            if kill {
+                self.outcome.killed.push(name);
+                process.kill();
+                unit.stage = Stage::Lost;
+            } else {
+                process.ask_to_stop();
+            }
+        }
+        Ok(())
     }
 
     fn show(&mut self, observer: &mut dyn Observer) {
         while let Ok(line) = self.lines.try_recv() {
             observer.line(&line.text);
         }
-        let sensor = self.processes.iter().find(|process| process.kind == ServiceKind::Sensor);
-        let ready = self.processes.iter().filter(|process| process.is_ready()).count();
+        let sensor = self.units.iter().find(|unit| unit.kind == ServiceKind::Sensor);
+        let ready = self.units.iter().filter(|unit| unit.is_ready()).count();
         observer.progress(&Progress {
-            sensor: sensor.and_then(|process| process.health.as_ref()),
-            ready: (ready, self.processes.len()),
+            sensor: sensor.and_then(|unit| unit.health.as_ref()),
+            ready: (ready, self.units.len()),
         });
     }
 
@@ -401,6 +456,7 @@ impl Supervisor {
         // What was said last; an error of reading it is not worth losing the outcome for.
         let _ = self.take_messages();
         // Ends when the processes' ends of the pipes are closed, which they are.
+        drop(std::mem::replace(&mut self.sender, channel().0));
         while let Ok(line) = self.lines.recv_timeout(TICK) {
             observer.line(&line.text);
         }
@@ -408,32 +464,14 @@ impl Supervisor {
         let ready = self.ready.unwrap_or(now);
         self.outcome.startup = ready.saturating_duration_since(self.started);
         self.outcome.elapsed = now.saturating_duration_since(ready);
-        for process in &self.processes {
-            if let Some(health) = &process.health {
-                self.outcome.health.insert(process.name.clone(), health.clone());
+        for unit in &mut self.units {
+            if unit.restarts > 0 {
+                self.outcome.restarts.insert(unit.name.clone(), unit.restarts);
+            }
+            if let Some(health) = unit.health.take() {
+                self.outcome.health.insert(unit.name.clone(), health);
             }
         }
         std::mem::take(&mut self.outcome)
-    }
-}
-
-impl Outcome {
-    /// The error that the run ended with, if it did.
-    ///
-    /// # Errors
-    /// One clear error: the cause, and who had to be killed.
-    pub fn check(&self) -> Result<()> {
-        if self.failures.is_empty() && self.killed.is_empty() {
-            return Ok(());
-        }
-        let killed = if self.killed.is_empty() {
-            String::new()
-        } else {
-            format!(" (would not leave and was killed: {})", self.killed.join(", "))
-        };
-        match self.failures.first() {
-            Some(cause) => bail!("{cause}{killed}"),
-            None => bail!("the graph did not end in time{killed}"),
-        }
     }
 }

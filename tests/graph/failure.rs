@@ -1,4 +1,4 @@
-//! A service that fails stops the graph with its name, and the map so far is kept.
+//! A service that dies is started again and nothing is lost; one that may not be ends the graph, which keeps the map so far.
 
 use echogrid::testing::GraphProcess;
 use echogrid_formats::map::native;
@@ -6,10 +6,33 @@ use echogrid_formats::map::native;
 use crate::support::{Drive, ECHOGRID};
 
 #[test]
-fn a_service_that_is_killed_is_named_and_nothing_is_left() {
+fn a_service_that_is_killed_is_started_again_and_the_map_is_the_same() {
+    let drive = Drive::new(20.0);
+    let more = ["--fix", "truth", "--fix-every", "2m"];
+    let undisturbed = drive.native_map("undisturbed", &more);
+    for service in ["sensor", "odometry", "localizer", "mapper", "publisher"] {
+        let mut arguments = drive.map_arguments("maps", &more);
+        arguments.extend(["--rate".to_owned(), "10".to_owned()]);
+        let mut graph = GraphProcess::start(ECHOGRID, arguments);
+        graph.wait_for("all services ready");
+        graph.kill(service);
+        let ended = graph.wait();
+        assert!(ended.status.success(), "{service}: {}", ended.stderr);
+        let died = format!("{service} died (killed by signal 9 (SIGKILL)): restart 1 in 0.1 s");
+        assert!(ended.stderr.contains(&died), "{}", ended.stderr);
+        assert!(ended.stdout.contains(&format!("restarts  {service} 1 ×")), "{}", ended.stdout);
+        assert!(std::fs::read(drive.out("maps/map.echogrid")).unwrap() == undisturbed, "{service}: another map");
+        assert_eq!(ended.leftovers(), Vec::<String>::new(), "{service}");
+    }
+}
+
+#[test]
+fn a_service_that_is_never_restarted_is_named_and_nothing_is_left() {
     for service in ["sensor", "odometry", "localizer", "mapper", "publisher"] {
         let drive = Drive::new(f64::INFINITY);
-        let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "5", "--fix", "truth"]));
+        let never = format!("services.{service}.restart=never");
+        let arguments = drive.map_arguments("maps", &["--rate", "5", "--fix", "truth", "--set", &never]);
+        let mut graph = GraphProcess::start(ECHOGRID, arguments);
         graph.wait_for("all services ready");
         graph.kill(service);
         let ended = graph.wait();
@@ -22,7 +45,8 @@ fn a_service_that_is_killed_is_named_and_nothing_is_left() {
 #[test]
 fn the_map_so_far_outlives_the_sensor() {
     let drive = Drive::new(f64::INFINITY);
-    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "20"]));
+    let arguments = drive.map_arguments("maps", &["--rate", "20", "--set", "services.sensor.restart=never"]);
+    let mut graph = GraphProcess::start(ECHOGRID, arguments);
     // By then there are seconds of the drive in the map.
     graph.wait_for("messages");
     graph.kill("sensor");

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use echogrid::config::{Config, LoadRequest};
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, Pose2, Quality, Tile, Verdict, VerdictCounts};
 use echogrid_service::{Input, Outbox, Service};
 use echogrid_simulator::world_of;
@@ -25,6 +26,12 @@ impl Service for Seen {
 
     fn outputs(&self) -> &'static [Topic] {
         &[]
+    }
+
+    fn save(&mut self, _parts: &mut Parts) {}
+
+    fn restore(&mut self, _saved: &Saved) -> Result<()> {
+        Ok(())
     }
 
     fn step(&mut self, input: Input, _out: &mut Outbox) -> Result<()> {

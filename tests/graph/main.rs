@@ -11,6 +11,7 @@ mod drive;
 mod experiment;
 mod failure;
 mod filters;
+mod kills;
 mod localization;
 mod maps;
 mod privacy;

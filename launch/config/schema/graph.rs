@@ -12,12 +12,13 @@ use serde::{Deserialize, Serialize};
 
 use super::super::robot::FILE_ENDING;
 use super::super::run::RunConfig;
-use super::super::service::ServiceKind;
+use super::super::service::{Care, ServiceKind};
+use super::super::supervision::SupervisionConfig;
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
 pub(crate) static GRAPH: &[&Section] =
-    &[&RUN, &REPLAY, &SIMULATOR, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER];
+    &[&RUN, &REPLAY, &SIMULATOR, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION];
 
 static RUN: Section = Section {
     name: "run",
@@ -47,6 +48,12 @@ static RUN: Section = Section {
             "a number of seconds, 1 to 3600",
             1.0..=3600.0,
             "seconds without a sign of life after which a service is killed; saving to a slow disk gives none",
+        ),
+        text(
+            "spool",
+            Text::Path,
+            "a path",
+            "a folder on disk: what is stored there outlives the whole graph, and --resume goes on with it; empty: none",
         ),
     ],
     probe: probe::<RunConfig>,
@@ -379,6 +386,39 @@ static PUBLISHER: Section = Section {
     defaults: defaults::<PublisherConfig>,
 };
 
+static SUPERVISION: Section = Section {
+    name: "supervision",
+    about: "what happens when a service dies or hangs",
+    keys: &[
+        words(
+            "strategy",
+            &["one_for_one", "rest_for_one"],
+            "one_for_one or rest_for_one",
+            "one_for_one: only who died is started again; rest_for_one: those downstream, too",
+        ),
+        key("restarts_max", "a whole number", "restarts of one service within window_s, then it is given up"),
+        key("window_s", "a number of seconds, 1 to 86400", "seconds after which a restart is forgotten"),
+        key(
+            "backoff_s",
+            "a number of seconds, 0 to 3600",
+            "seconds before a restart; each further one within window_s waits twice as long",
+        ),
+        key("backoff_max_s", "a number of seconds, 0 to 3600", "the longest of these waits, seconds"),
+        key(
+            "ready_within_s",
+            "a number of seconds, 1 to 3600",
+            "seconds from the start of a service to its readiness; one that takes longer hangs",
+        ),
+        key(
+            "first_output_within_s",
+            "a number of seconds, 1 to 86400",
+            "seconds to the sensor's first message, and from there to the first of those who read it",
+        ),
+    ],
+    probe: probe::<SupervisionConfig>,
+    defaults: defaults::<SupervisionConfig>,
+};
+
 /// `[services.<name>]`.
 pub(crate) static SERVICE: Section = Section {
     name: "services",
@@ -393,6 +433,16 @@ pub(crate) static SERVICE: Section = Section {
         text("exec", Text::MaybePath(&["/"]), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
         key("args", "a list of strings", "arguments that it gets besides"),
         key("env", "a table of strings", "environment variables that it gets besides"),
+        words(
+            "restart",
+            &["on_failure", "never"],
+            "on_failure or never",
+            "on_failure: it is started again when it dies; never: the graph ends with it",
+        ),
+        key("required", "true or false", "whether the graph ends when it is given up; else the others go on"),
+        number("nice", "a whole number from -20 to 19", -20.0..=19.0, "its niceness; below 0 takes a privilege"),
+        key("memory_max_mib", "a whole number of MiB", "the most address space that it may have; 0: no limit"),
+        key("open_files_max", "a whole number", "the most files that it may have open; 0: as the launcher"),
     ],
     probe: probe::<AsWritten>,
     defaults: defaults::<AsWritten>,
@@ -406,4 +456,6 @@ struct AsWritten {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    #[serde(flatten)]
+    care: Care,
 }

@@ -14,8 +14,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use config::LocalizerConfig;
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, Topic};
+use serde::{Deserialize, Serialize};
 use source::{Answer, Source};
 use truth::Truth;
 
@@ -24,10 +26,19 @@ pub const INPUTS: &[Topic] = &[Topic::LocalizationRequest, Topic::TruePose];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::LocalizationFix];
 
+/// Name of the only part that is saved.
+const STATE: &str = "state";
+
 /// The localizer service.
 #[derive(Debug)]
 pub struct LocalizerService {
     source: Source,
+    state: State,
+}
+
+/// What the messages so far have come to.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct State {
     truth: Truth,
     /// Requests, with their stamps, of times that the truth has not reached.
     waiting: VecDeque<(u64, LocalizationRequest)>,
@@ -42,7 +53,7 @@ impl LocalizerService {
     /// A value is out of range, or a file can't be read or makes no sense.
     pub fn new(config: &LocalizerConfig) -> Result<Self> {
         config.validate().context("[localizer]")?;
-        Ok(Self { source: Source::new(config)?, truth: Truth::default(), waiting: VecDeque::new(), unanswered: 0 })
+        Ok(Self { source: Source::new(config)?, state: State::default() })
     }
 
     /// From the plan of a run.
@@ -55,14 +66,14 @@ impl LocalizerService {
 
     /// Answers what can be answered by now.
     fn answer_waiting(&mut self, out: &mut Outbox) {
-        while let Some((stamp_ns, request)) = self.waiting.front() {
-            let fix = match self.source.answer(*stamp_ns, request, &self.truth) {
+        while let Some((stamp_ns, request)) = self.state.waiting.front() {
+            let fix = match self.source.answer(*stamp_ns, request, &self.state.truth) {
                 Answer::NotYet => break,
                 Answer::Fix(fix) => Some(fix),
                 Answer::Unknown(why) => {
-                    self.unanswered += 1;
+                    self.state.unanswered += 1;
                     // The first tells what is wrong, and there may be thousands.
-                    if self.unanswered == 1 {
+                    if self.state.unanswered == 1 {
                         tracing::warn!(request = request.id, stamp_ns, why, "where the robot was can't be told");
                     } else {
                         tracing::debug!(request = request.id, stamp_ns, why, "where the robot was can't be told");
@@ -71,7 +82,7 @@ impl LocalizerService {
                 }
             };
             out.send(*stamp_ns, Message::Fix(LocalizationFix { request: request.id, fix }));
-            self.waiting.pop_front();
+            self.state.waiting.pop_front();
         }
     }
 }
@@ -90,16 +101,25 @@ impl Service for LocalizerService {
         topic == Topic::LocalizationRequest
     }
 
+    fn save(&mut self, parts: &mut Parts) {
+        parts.put_value(STATE, &self.state);
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.state = saved.value(STATE)?;
+        Ok(())
+    }
+
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
         match input {
             Input::Message { stamp_ns, message: Message::TruePose(pose), .. } => {
-                self.truth.push(stamp_ns, pose.map_from_base);
+                self.state.truth.push(stamp_ns, pose.map_from_base);
             }
             Input::Message { stamp_ns, message: Message::Request(request), .. } => {
-                self.waiting.push_back((stamp_ns, *request));
+                self.state.waiting.push_back((stamp_ns, *request));
             }
-            Input::Finish if self.unanswered > 1 => {
-                tracing::warn!(requests = self.unanswered, "so often where the robot was could not be told");
+            Input::Finish if self.state.unanswered > 1 => {
+                tracing::warn!(requests = self.state.unanswered, "so often where the robot was could not be told");
             }
             Input::Message { .. } | Input::Finish => {}
         }
@@ -211,7 +231,7 @@ mod tests {
             let answers = give(&mut service, (stamp_s * 1e9) as u64, request(id));
             assert_eq!(answers, [LocalizationFix { request: id, fix }], "{stamp_s} s");
         }
-        assert_eq!(service.unanswered, 2);
+        assert_eq!(service.state.unanswered, 2);
     }
 
     #[test]

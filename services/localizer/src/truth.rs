@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use echogrid_core::Pose2;
+use serde::{Deserialize, Serialize};
 
 /// True poses that are remembered: more than odometry can be behind.
 const REMEMBERED: usize = 8192;
@@ -19,7 +20,7 @@ pub(crate) enum Known {
 }
 
 /// True poses in the order of their stamps.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Truth {
     poses: VecDeque<(u64, Option<Pose2>)>,
 }

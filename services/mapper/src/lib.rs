@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
     GridMapper, GridSummary, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary, SensorKind, Tile,
     TileIndex, Verdict, VerdictCounts,
@@ -347,6 +348,21 @@ impl Service for MapperService {
             }
         }
         Ok(())
+    }
+
+    fn save(&mut self, parts: &mut Parts) {
+        // The inherent one.
+        Self::save(self, parts);
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        Self::restore(self, saved)
+    }
+
+    fn welcome(&mut self, topic: Topic, out: &mut Outbox) {
+        if topic == Topic::MapTiles {
+            self.snapshot(out);
+        }
     }
 
     fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {

@@ -4,11 +4,12 @@ use std::collections::VecDeque;
 
 use echogrid_core::localization::{Fix, FixError};
 use echogrid_core::{Estimate, Gate, Odometry, Pose2};
+use serde::{Deserialize, Serialize};
 
 /// Poses that are remembered: 20 s at 100 Hz.
 const REMEMBERED: usize = 2048;
 
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 struct Moment {
     stamp_ns: u64,
     odom_from_base: Pose2,
@@ -26,7 +27,7 @@ pub(crate) struct Applied {
 }
 
 /// The latest poses, and the odometry after each.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct History {
     moments: VecDeque<Moment>,
 }

@@ -8,11 +8,13 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use echogrid_core::localization::{Asking, Choice, Fix};
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Estimate, Gate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
 use nominal::NominalSensor;
+use serde::{Deserialize, Serialize};
 
 /// What it reads.
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::LocalizationFix, Topic::OdometryRaw];
@@ -20,17 +22,16 @@ pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::LocalizationFix, 
 pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::LocalizationRequest];
 
 /// A localization that was asked for and has not come.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 struct Asked {
-    id: u64,
     stamp_ns: u64,
+    request: LocalizationRequest,
 }
 
-/// The odometry service.
-#[derive(Debug)]
-pub struct OdometryService {
+/// What the messages so far have come to.
+#[derive(Debug, Serialize, Deserialize)]
+struct State {
     odometry: Odometry,
-    resolution_m: f64,
     sensor: NominalSensor,
     /// Where the robot is now.
     estimate: Option<Estimate>,
@@ -40,9 +41,16 @@ pub struct OdometryService {
     asking: Option<Asking>,
     requests: u64,
     asked: Option<Asked>,
-    config: LocalizationConfig,
     /// A fix of a time that odometry has not reached.
     early: Option<(u64, Fix)>,
+}
+
+/// The odometry service.
+#[derive(Debug)]
+pub struct OdometryService {
+    resolution_m: f64,
+    config: LocalizationConfig,
+    state: State,
 }
 
 impl OdometryService {
@@ -59,9 +67,8 @@ impl OdometryService {
     ) -> Result<Self> {
         config.validate().context("[odometry]")?;
         localization.validate().context("[localization]")?;
-        Ok(Self {
+        let state = State {
             odometry: Odometry::new(config),
-            resolution_m,
             sensor: NominalSensor::of(&Robot::default()),
             estimate: None,
             distance_m: 0.0,
@@ -69,9 +76,9 @@ impl OdometryService {
             asking: has_localizer.then(|| Asking::new(localization)),
             requests: 0,
             asked: None,
-            config: localization.clone(),
             early: None,
-        })
+        };
+        Ok(Self { resolution_m, config: localization.clone(), state })
     }
 
     /// From the plan of a run.
@@ -85,13 +92,13 @@ impl OdometryService {
     }
 
     fn moved(&mut self, stamp_ns: u64, raw: &RawOdometry, out: &mut Outbox) {
-        let before = self.estimate.map(|estimate| estimate.pose);
-        let estimate = self.odometry.step(raw.odom_from_base);
-        self.distance_m += before.map_or(0.0, |before: Pose2| before.distance_m(estimate.pose));
-        self.history.push(stamp_ns, raw.odom_from_base, &self.odometry);
+        let before = self.state.estimate.map(|estimate| estimate.pose);
+        let estimate = self.state.odometry.step(raw.odom_from_base);
+        self.state.distance_m += before.map_or(0.0, |before: Pose2| before.distance_m(estimate.pose));
+        self.state.history.push(stamp_ns, raw.odom_from_base, &self.state.odometry);
         let told = self.tell(stamp_ns, estimate, out);
-        if let Some((fix_ns, fix)) = self.early.filter(|(fix_ns, _)| *fix_ns <= stamp_ns) {
-            self.early = None;
+        if let Some((fix_ns, fix)) = self.state.early.filter(|(fix_ns, _)| *fix_ns <= stamp_ns) {
+            self.state.early = None;
             self.rectify(fix_ns, &fix, self.gate(), out);
         } else {
             self.ask(stamp_ns, told, out);
@@ -100,48 +107,49 @@ impl OdometryService {
 
     /// Publishes where the robot is now, and how far to believe it.
     fn tell(&mut self, stamp_ns: u64, estimate: Estimate, out: &mut Outbox) -> PoseEstimate {
-        self.estimate = Some(estimate);
-        let trust = self.sensor.trust(&estimate.errors, self.resolution_m);
+        self.state.estimate = Some(estimate);
+        let trust = self.state.sensor.trust(&estimate.errors, self.resolution_m);
         let degraded = self.config.is_degraded(trust);
-        let hold = degraded && self.config.hold.resolve(self.asking.is_some());
-        let told = PoseEstimate { estimate, trust, distance_m: self.distance_m, degraded, hold };
+        let hold = degraded && self.config.hold.resolve(self.state.asking.is_some());
+        let told = PoseEstimate { estimate, trust, distance_m: self.state.distance_m, degraded, hold };
         out.send(stamp_ns, Message::Estimate(told.clone()));
         told
     }
 
     /// Asks for an absolute localization if it is time for one.
     fn ask(&mut self, stamp_ns: u64, estimate: PoseEstimate, out: &mut Outbox) {
-        let Some(asking) = &mut self.asking else { return };
+        let Some(asking) = &mut self.state.asking else { return };
         // Who does not wait for an answer does not wait for ever either.
-        let given_up = self.asked.is_some_and(|asked| stamp_ns.saturating_sub(asked.stamp_ns) > ANSWER_WITHIN_NS);
-        if self.asked.is_some() && !given_up {
+        let given_up =
+            self.state.asked.as_ref().is_some_and(|asked| stamp_ns.saturating_sub(asked.stamp_ns) > ANSWER_WITHIN_NS);
+        if self.state.asked.is_some() && !given_up {
             return;
         }
-        if let Some(reason) = asking.reason(stamp_ns, self.distance_m, estimate.degraded) {
-            self.requests += 1;
-            self.asked = Some(Asked { id: self.requests, stamp_ns });
-            let request = LocalizationRequest { id: self.requests, estimate, reason };
+        if let Some(reason) = asking.reason(stamp_ns, self.state.distance_m, estimate.degraded) {
+            self.state.requests += 1;
+            let request = LocalizationRequest { id: self.state.requests, estimate, reason };
+            self.state.asked = Some(Asked { stamp_ns, request: request.clone() });
             out.send(stamp_ns, Message::Request(Box::new(request)));
         }
     }
 
     fn answered(&mut self, stamp_ns: u64, answer: LocalizationFix, out: &mut Outbox) {
-        let mine = self.asked.filter(|asked| asked.id == answer.request);
-        if answer.request != 0 && mine.is_none() {
-            // Of a request that was given up, or of another life.
+        let is_mine = self.state.asked.as_ref().is_some_and(|asked| asked.request.id == answer.request);
+        if answer.request != 0 && !is_mine {
+            // Of a request that was given up, or was answered before.
             return;
         }
-        if mine.is_some() {
-            self.asked = None;
+        if is_mine {
+            self.state.asked = None;
         }
-        match (answer.fix, self.history.latest_ns()) {
+        match (answer.fix, self.state.history.latest_ns()) {
             (None, latest_ns) => {
-                if let Some(asking) = &mut self.asking {
+                if let Some(asking) = &mut self.state.asking {
                     asking.failed(latest_ns.unwrap_or(stamp_ns));
                 }
             }
             (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.rectify(stamp_ns, &fix, self.gate(), out),
-            (Some(fix), _) => self.early = Some((stamp_ns, fix)),
+            (Some(fix), _) => self.state.early = Some((stamp_ns, fix)),
         }
     }
 
@@ -152,15 +160,15 @@ impl OdometryService {
 
     /// Applies a fix when it was true, and publishes what that makes of the present.
     fn rectify(&mut self, fix_ns: u64, fix: &Fix, gate: Gate, out: &mut Outbox) {
-        let applied = self.history.apply(fix_ns, fix, gate);
-        let now_ns = self.history.latest_ns().unwrap_or(fix_ns);
+        let applied = self.state.history.apply(fix_ns, fix, gate);
+        let now_ns = self.state.history.latest_ns().unwrap_or(fix_ns);
         let refused = match applied {
             Ok(Applied { odometry, estimate, refused }) => {
-                self.odometry = odometry;
+                self.state.odometry = odometry;
                 if refused.is_none() {
                     self.tell(now_ns, estimate, out);
                 }
-                self.estimate = Some(estimate);
+                self.state.estimate = Some(estimate);
                 refused
             }
             Err(error) => Some(error),
@@ -168,16 +176,18 @@ impl OdometryService {
         if let Some(error) = &refused {
             tracing::warn!(%error, "localization refused");
         }
-        if let Some(asking) = &mut self.asking {
+        if let Some(asking) = &mut self.state.asking {
             if refused.is_some() {
                 asking.failed(now_ns);
             } else {
-                asking.fixed(now_ns, self.distance_m);
+                asking.fixed(now_ns, self.state.distance_m);
             }
         }
     }
 }
 
+/// Name of the only part that is saved.
+const STATE: &str = "state";
 /// A request that nobody answered is made again after this, by the sensor's clock (where the odometry does not wait).
 const ANSWER_WITHIN_NS: u64 = 10_000_000_000;
 
@@ -191,13 +201,13 @@ impl Service for OdometryService {
     }
 
     fn is_ready_for(&self, topic: Topic) -> bool {
-        topic != Topic::OdometryRaw || self.asked.is_none() || self.config.wait == Choice::Never
+        topic != Topic::OdometryRaw || self.state.asked.is_none() || self.config.wait == Choice::Never
     }
 
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
         let Input::Message { stamp_ns, message, .. } = input else { return Ok(()) };
         match message {
-            Message::Robot(robot) => self.sensor = NominalSensor::of(&robot),
+            Message::Robot(robot) => self.state.sensor = NominalSensor::of(&robot),
             Message::Odometry(raw) => self.moved(stamp_ns, &raw, out),
             Message::Fix(answer) => self.answered(stamp_ns, answer, out),
             _ => {}
@@ -205,13 +215,33 @@ impl Service for OdometryService {
         Ok(())
     }
 
+    fn save(&mut self, parts: &mut Parts) {
+        parts.put_value(STATE, &self.state);
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.state = saved.value(STATE)?;
+        Ok(())
+    }
+
+    fn welcome(&mut self, topic: Topic, out: &mut Outbox) {
+        // It may not have heard what was asked of the one before it.
+        if let Some(Asked { stamp_ns, request }) =
+            self.state.asked.clone().filter(|_| topic == Topic::LocalizationRequest)
+        {
+            out.send(stamp_ns, Message::Request(Box::new(request)));
+        }
+    }
+
     fn command(&mut self, command: Command, out: &mut Outbox) -> Result<String> {
         let Command::Fix(fix) = command else { bail!("this service has nothing to {}", command.word()) };
         fix.validate()?;
-        let Some(now_ns) = self.history.latest_ns() else { bail!("no odometry has come yet that could be rectified") };
-        let before = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
+        let Some(now_ns) = self.state.history.latest_ns() else {
+            bail!("no odometry has come yet that could be rectified")
+        };
+        let before = self.state.estimate.map(|estimate| estimate.pose).unwrap_or_default();
         self.rectify(now_ns, &fix, Gate::open(), out);
-        let after = self.estimate.map(|estimate| estimate.pose).unwrap_or_default();
+        let after = self.state.estimate.map(|estimate| estimate.pose).unwrap_or_default();
         Ok(format!(
             "localized, {:.2} m and {:.1}° from where the robot was believed to be",
             before.distance_m(after),

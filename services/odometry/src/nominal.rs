@@ -1,9 +1,10 @@
 //! The sensor whose trust is reported.
 
 use echogrid_core::{OdometryErrors, Robot, nominal_trust};
+use serde::{Deserialize, Serialize};
 
 /// The widest cone that the robot has, or the paper's sonar.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(crate) struct NominalSensor {
     aperture_rad: f64,
     range_error_ratio: f64,

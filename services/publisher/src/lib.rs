@@ -8,6 +8,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
 use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
@@ -26,6 +27,12 @@ pub const OUTPUTS: &[Topic] = &[];
 const PATH_STEP_M: f64 = 0.05;
 /// … or turned this far since the one before.
 const PATH_STEP_RAD: f64 = 0.1;
+
+/// Points of the path that are saved as one part.
+const PATH_PART: usize = 1024;
+
+/// A point of the path, saved: stamp, pose, trust.
+type Point = (u64, Pose2, f64);
 
 /// The part of `[run]` that the publisher needs.
 #[derive(Debug, Deserialize)]
@@ -49,6 +56,8 @@ pub struct PublisherService {
     /// The latest pose, if it is not on the path yet.
     latest: Option<PathPoint>,
     written: Vec<PathBuf>,
+    /// Parts of the path that are saved and will not change.
+    saved_parts: usize,
 }
 
 impl PublisherService {
@@ -69,6 +78,7 @@ impl PublisherService {
             path: Vec::new(),
             latest: None,
             written: Vec::new(),
+            saved_parts: 0,
         })
     }
 
@@ -142,6 +152,34 @@ impl Service for PublisherService {
             Input::Message { .. } => {}
             Input::Finish => self.save()?,
         }
+        Ok(())
+    }
+
+    /// The path. The map is the mapper's to tell anew.
+    fn save(&mut self, parts: &mut Parts) {
+        let whole = self.path.len() / PATH_PART;
+        for part in self.saved_parts..=whole {
+            let points = &self.path[part * PATH_PART..self.path.len().min((part + 1) * PATH_PART)];
+            let points: Vec<Point> = points.iter().map(|point| (point.stamp_ns, point.pose, point.trust)).collect();
+            parts.put_value(format!("path/{part}"), &points);
+        }
+        self.saved_parts = whole;
+        parts.put_value("latest", &self.latest.map(|point| (point.stamp_ns, point.pose, point.trust)));
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        let point = |(stamp_ns, pose, trust): Point| PathPoint { stamp_ns, pose, trust };
+        self.path.clear();
+        while saved.get(&format!("path/{}", self.path.len() / PATH_PART)).is_some() {
+            let points: Vec<Point> = saved.value(&format!("path/{}", self.path.len() / PATH_PART))?;
+            let is_last = points.len() < PATH_PART;
+            self.path.extend(points.into_iter().map(point));
+            if is_last {
+                break;
+            }
+        }
+        self.saved_parts = self.path.len() / PATH_PART;
+        self.latest = saved.value::<Option<Point>>("latest")?.map(point);
         Ok(())
     }
 

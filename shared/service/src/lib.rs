@@ -12,10 +12,13 @@ pub mod outbox;
 pub mod pace;
 pub mod plan;
 pub mod process;
+mod recovery;
 pub mod runtime;
 pub mod signals;
+pub mod store;
 
 use anyhow::Result;
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_topics::{Command, Message, Topic};
 
 pub use outbox::Outbox;
@@ -67,6 +70,21 @@ pub trait Service {
         true
     }
 
+    /// Saves all that the steps so far have made of the service: what changed since it was saved last. Where the service
+    /// writes a lossless topic: all of it.
+    fn save(&mut self, parts: &mut Parts);
+
+    /// Becomes, as it was just made, what was saved.
+    ///
+    /// # Errors
+    /// What was saved is broken, or of another version.
+    fn restore(&mut self, saved: &Saved) -> Result<()>;
+
+    /// Somebody came to an output of relayed delivery: tells all of it that still counts.
+    fn welcome(&mut self, topic: Topic, out: &mut Outbox) {
+        let _ = (topic, out);
+    }
+
     /// Carries out an order of the user: what was done, in words.
     ///
     /// # Errors
@@ -88,6 +106,12 @@ pub trait Sensor {
     /// # Errors
     /// The source is broken; what came before is kept.
     fn next(&mut self) -> Result<Option<(u64, Message)>>;
+
+    /// Whether it measures what is now, so that nobody can make it give the same again. What it gave is then kept until it is
+    /// stored downstream; any other is made anew when it died, and gives the same.
+    fn is_live(&self) -> bool {
+        false
+    }
 
     /// How many messages there will be in all, if known.
     fn total(&self) -> Option<u64> {

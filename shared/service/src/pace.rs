@@ -16,6 +16,11 @@ impl Pace {
         Self { rate, start: None }
     }
 
+    /// From here on, as if the first stamp were this one: what came before was played by somebody else.
+    pub fn skip_to(&mut self, stamp_ns: u64, now: Instant) {
+        self.start = Some((now, stamp_ns));
+    }
+
     /// How long until a message of this stamp is due; zero if it is.
     pub fn until(&mut self, stamp_ns: u64, now: Instant) -> Duration {
         let Some(times) = self.rate else { return Duration::ZERO };

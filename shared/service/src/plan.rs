@@ -1,7 +1,7 @@
 //! What the launcher tells the processes of a graph: one file in the domain's directory.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use echogrid_topics::{Domain, Topic};
@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 pub const DOMAIN_VARIABLE: &str = "ECHOGRID_DOMAIN";
 /// Name of the service in the graph, likewise.
 pub const SERVICE_VARIABLE: &str = "ECHOGRID_SERVICE";
+/// Services that have left for good when this one was started, separated by commas, likewise.
+pub const GONE_VARIABLE: &str = "ECHOGRID_GONE";
 
 /// The plan of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -21,6 +23,14 @@ pub struct Plan {
     pub rate: Option<f64>,
     /// Readings in the largest scan.
     pub max_readings: usize,
+    /// The run: in the header of every message of a lossless topic. Never 0.
+    pub epoch: u64,
+    /// The folder in which services store what they need to go on after a restart; none: nobody restarts them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<PathBuf>,
+    /// Whether what they store there is to outlive the machine.
+    #[serde(default)]
+    pub synced: bool,
     /// Which services read which topic: whom its producer waits for.
     pub consumers: BTreeMap<String, Vec<String>>,
     /// The sections of the effective configuration.

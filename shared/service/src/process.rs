@@ -5,11 +5,11 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use echogrid_topics::{Message, ServiceState, Topic};
+use echogrid_topics::{Header, Message, ServiceState, Topic};
 
 use crate::pace::Pace;
 use crate::plan::Plan;
-use crate::runtime::{Runtime, Stop};
+use crate::runtime::{Runtime, Stop, Taken};
 use crate::{Input, Outbox, Sensor, Service, in_words, logging};
 
 /// Steps between two looks at signals and acknowledgements.
@@ -17,6 +17,8 @@ const BATCH: usize = 64;
 /// A service that is asked to stop takes in what it was sent before; not for longer than this, as
 /// there may be no end of it.
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(500);
+/// Exit code of a process that could not enter the graph (`EX_UNAVAILABLE`): that may not be its own fault.
+pub const NO_GRAPH: u8 = 69;
 /// Something always ends a wait earlier.
 const LONG: Duration = Duration::from_secs(60);
 
@@ -58,7 +60,7 @@ fn start(
         Ok(runtime) => runtime,
         Err(error) => {
             tracing::error!("{name}: {}", in_words(&error));
-            return ExitCode::FAILURE;
+            return ExitCode::from(NO_GRAPH);
         }
     };
     match body(&mut runtime) {
@@ -76,30 +78,50 @@ fn start(
 
 fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<()> {
     let mut out = Outbox::default();
+    runtime.recover(service)?;
     runtime.set_state(ServiceState::Running)?;
     let mut patience = Duration::ZERO;
     while runtime.stop().is_none() {
         runtime.attend(patience)?;
-        runtime.serve(|command| service.command(command, &mut out))?;
+        runtime.serve(None, |command| service.command(command, &mut out))?;
+        runtime.welcome_newcomers(service, &mut out);
         let mut steps = 0;
         while steps < BATCH && out.is_empty() {
-            let Some((header, message)) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
-            let input = Input::Message { sequence: header.sequence, stamp_ns: header.stamp_ns, message };
-            service.step(input, &mut out)?;
+            let Some(taken) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
+            take_in(service, taken, &mut out)?;
             runtime.flush(&mut out)?;
             steps += 1;
         }
         runtime.flush(&mut out)?;
-        if steps == 0 && out.is_empty() && runtime.inputs_ended(|topic| service.outlives(topic)) {
-            break;
-        }
         // Nothing to read, or no room to write: the next event is what to wait for.
         patience = if steps == 0 { LONG } else { Duration::ZERO };
+        if out.is_empty() {
+            patience = patience.min(runtime.store_if_due(service, steps == 0)?);
+            if steps == 0 && runtime.inputs_ended(|topic| service.outlives(topic)) {
+                break;
+            }
+        }
     }
     runtime.set_state(ServiceState::Draining)?;
     catch_up(runtime, service, &mut out)?;
+    let ended = runtime.inputs_ended(|topic| service.outlives(topic));
     service.step(Input::Finish, &mut out)?;
-    drain(runtime, &mut out)
+    drain(runtime, &mut out, ended, |runtime, out| runtime.welcome_newcomers(service, out))
+}
+
+fn take_in(service: &mut impl Service, taken: Taken, out: &mut Outbox) -> Result<()> {
+    match taken {
+        Taken::Message(Header { sequence, stamp_ns, .. }, message) => {
+            service.step(Input::Message { sequence, stamp_ns, message }, out)
+        }
+        Taken::Command(command) => {
+            // What it answered was said when it was given.
+            if let Err(error) = service.command(command, out) {
+                tracing::debug!(?error, "an order of before could not be carried out then either");
+            }
+            Ok(())
+        }
+    }
 }
 
 /// Asked to stop, a service still takes what has come in by then: its producer may be gone, and
@@ -114,8 +136,8 @@ fn catch_up(runtime: &mut Runtime, service: &mut impl Service, out: &mut Outbox)
             patience = deadline.saturating_duration_since(Instant::now());
             continue;
         }
-        let Some((header, message)) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
-        service.step(Input::Message { sequence: header.sequence, stamp_ns: header.stamp_ns, message }, out)?;
+        let Some(taken) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
+        take_in(service, taken, out)?;
         patience = Duration::ZERO;
     }
     Ok(())
@@ -124,21 +146,39 @@ fn catch_up(runtime: &mut Runtime, service: &mut impl Service, out: &mut Outbox)
 fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
     let mut pace = Pace::new(runtime.plan().rate);
     runtime.set_total(sensor.total().unwrap_or(0));
+    let is_live = sensor.is_live();
+    let mut again = runtime.begin(is_live)?;
     runtime.set_state(ServiceState::Running)?;
+    // Messages that the sensor has made.
+    let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;
     let mut patience = Duration::ZERO;
     'playing: while runtime.stop().is_none() {
         runtime.attend(patience)?;
-        runtime.serve(|command| sensor.command(command))?;
+        runtime.serve(Some(made), |command| sensor.command(command))?;
         patience = Duration::ZERO;
         for _ in 0..BATCH {
-            let (stamp_ns, message) = match waiting.take() {
-                Some(waiting) => waiting,
+            while let Some(command) = runtime.order_at(made) {
+                // What it answered was said when it was given.
+                let _ = sensor.command(command);
+            }
+            let (stamp_ns, message) = match waiting.take().or_else(|| again.pop_front()) {
+                Some(message) => message,
                 None => match sensor.next()? {
-                    Some(next) => next,
+                    Some((stamp_ns, message)) => {
+                        made += 1;
+                        if is_live {
+                            runtime.spool(stamp_ns, &message)?;
+                        }
+                        (stamp_ns, message)
+                    }
                     None => break 'playing,
                 },
             };
+            if runtime.is_catching_up() || !again.is_empty() {
+                // Some of it was sent by an earlier process: no time is to be lost with that.
+                pace.skip_to(stamp_ns, Instant::now());
+            }
             patience = pace.until(stamp_ns, Instant::now());
             if patience.is_zero() && runtime.send(stamp_ns, &message)? {
                 continue;
@@ -153,22 +193,30 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
         runtime.ring()?;
     }
     runtime.set_state(ServiceState::Draining)?;
-    drain(runtime, &mut Outbox::default())
+    drain(runtime, &mut Outbox::default(), runtime.stop() != Some(Stop::Orphaned), |_, _| {})
 }
 
-/// Sends the rest, says that the streams end, and waits until every consumer has it all.
-fn drain(runtime: &mut Runtime, out: &mut Outbox) -> Result<()> {
-    let orphaned = |runtime: &Runtime| runtime.stop() == Some(Stop::Orphaned);
-    loop {
+/// Sends the rest. If the streams `ended`: says so, and waits until every consumer is done with all of it; `welcome` tells
+/// whoever comes meanwhile what counts. If the service only leaves early, the rest is for those who go on with the run.
+fn drain(
+    runtime: &mut Runtime,
+    out: &mut Outbox,
+    ended: bool,
+    mut welcome: impl FnMut(&mut Runtime, &mut Outbox),
+) -> Result<()> {
+    while runtime.stop() != Some(Stop::Orphaned) {
+        welcome(runtime, out);
         runtime.flush(out)?;
-        if out.is_empty() || orphaned(runtime) {
-            break;
+        if out.is_empty() {
+            if !ended {
+                break;
+            }
+            runtime.end_outputs()?;
+            if runtime.is_drained() {
+                return runtime.finish();
+            }
         }
         runtime.attend(LONG)?;
     }
-    runtime.end_outputs()?;
-    while !runtime.is_drained() && !orphaned(runtime) {
-        runtime.attend(LONG)?;
-    }
-    runtime.set_state(ServiceState::Finished)
+    runtime.leave()
 }

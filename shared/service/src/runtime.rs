@@ -1,6 +1,6 @@
 //! A service's ends of the graph: its ports, what it acknowledges, what it waits for.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::os::fd::BorrowedFd;
 use std::time::{Duration, Instant};
 
@@ -16,8 +16,9 @@ use nix::sys::signal::Signal;
 use crate::in_words;
 use crate::lifeline::Lifeline;
 use crate::outbox::Outbox;
-use crate::plan::{DOMAIN_VARIABLE, Plan, SERVICE_VARIABLE};
+use crate::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, Plan, SERVICE_VARIABLE};
 use crate::signals::Signals;
+use crate::store::{Entry, Moment, Store, Unrepeatable};
 
 /// A service says that it is alive at least this often.
 const HEARTBEAT: Duration = Duration::from_millis(250);
@@ -35,33 +36,77 @@ pub enum Stop {
     Orphaned,
 }
 
+/// What a service is to take next.
 #[derive(Debug)]
-struct Source {
-    port: Port,
-    ended: bool,
-    seen: bool,
+#[expect(clippy::large_enum_variant, reason = "nearly all are messages: a box for each would cost more than it saves")]
+pub enum Taken {
+    /// A message.
+    Message(Header, Message),
+    /// An order that was carried out in an earlier life of the service, and is once more.
+    Command(Command),
+}
+
+/// An input.
+#[derive(Debug)]
+pub(crate) struct Source {
+    pub(crate) port: Port,
+    pub(crate) ended: bool,
+    pub(crate) seen: bool,
+    /// Of what was lost, that which an earlier life of the service missed.
+    pub(crate) lost_before: u64,
     published: u64,
+}
+
+impl Source {
+    pub(crate) fn resumes(&self) -> bool {
+        self.port.topic().resumes()
+    }
+
+    fn lost(&self) -> u64 {
+        self.lost_before + self.port.lost()
+    }
+}
+
+/// An output.
+#[derive(Debug)]
+pub(crate) struct Sink {
+    pub(crate) port: Output,
+    /// Whether its end was said, to everyone who is there.
+    ended: bool,
+    /// Somebody came who needs to be told all that counts.
+    newcomer: bool,
 }
 
 /// Ports and vital signs of one process.
 #[derive(Debug)]
 pub struct Runtime {
-    name: String,
-    plan: Plan,
-    sources: Vec<Source>,
-    outputs: Vec<Output>,
+    pub(crate) name: String,
+    pub(crate) plan: Plan,
+    pub(crate) sources: Vec<Source>,
+    pub(crate) sinks: Vec<Sink>,
     health_out: Output,
-    health_in: Option<Port>,
+    health_in: Port,
     control: Option<ControlServer>,
     signals: Signals,
     lifeline: Option<Lifeline>,
     state: ServiceState,
-    progress: u64,
+    pub(crate) progress: u64,
     total: u64,
-    stamp_ns: u64,
-    faults: u64,
+    pub(crate) stamp_ns: u64,
+    pub(crate) faults: u64,
     last_error: String,
     health_due: Instant,
+    /// None where nobody would restart the service.
+    pub(crate) store: Option<Store>,
+    /// What is stored, and may be gone back to; the latest last.
+    pub(crate) generations: VecDeque<(u64, Moment)>,
+    /// What took effect in an earlier life after what was gone back to.
+    pub(crate) replaying: VecDeque<Entry>,
+    pub(crate) stored_at: Instant,
+    /// Number of the next message of a live sensor.
+    pub(crate) spooled: u64,
+    /// All that came in is taken care of for good.
+    is_finished: bool,
     stop: Option<Stop>,
     /// Since when there are messages but no robot description.
     without_robot_since: Option<Instant>,
@@ -86,27 +131,47 @@ impl Runtime {
         let domain = Domain::named(&domain)?;
         let participant = Participant::join(&domain, &name)?;
         let plan = Plan::read(&domain)?;
-        let open = |topic: Topic| Output::open(&participant, topic, plan.max_readings, plan.consumers_of(topic));
+        let gone = std::env::var(GONE_VARIABLE).unwrap_or_default();
+        let open = |topic: Topic| {
+            let there = |name: &&String| gone.split(',').all(|gone| gone != name.as_str());
+            let consumers: Vec<String> = plan.consumers_of(topic).iter().filter(there).cloned().collect();
+            Output::open(&participant, topic, plan.max_readings, plan.epoch, &consumers)
+        };
         let health_out = open(Topic::Health)?;
         // Subscribers before publishers: whoever hears of us can rely on our being able to hear.
         let sources = inputs
             .iter()
             .map(|topic| {
-                let port = Port::open(&participant, *topic)?;
-                Ok(Source { port, ended: false, seen: false, published: 0 })
+                let mut port = Port::open(&participant, *topic)?;
+                if topic.resumes() {
+                    port.resume(plan.epoch, 0, 0);
+                }
+                Ok(Source { port, ended: false, seen: false, lost_before: 0, published: 0 })
             })
             .collect::<Result<_>>()?;
-        let health_in = if outputs.is_empty() { None } else { Some(Port::open(&participant, Topic::Health)?) };
-        let outputs = outputs.iter().map(|topic| open(*topic)).collect::<Result<_, _>>()?;
+        let health_in = Port::open(&participant, Topic::Health)?;
+        let keeps_generations = outputs.iter().any(|topic| topic.resumes());
+        let sinks = outputs.iter().map(|topic| Ok(Sink { port: open(*topic)?, ended: false, newcomer: false }));
+        let sinks = sinks.collect::<Result<_, echogrid_topics::TopicError>>()?;
         // A service that joins a running graph by hand is not one that the launcher knows.
         let control =
             std::env::var_os(SERVICE_VARIABLE).map(|_| ControlServer::open(&participant, &name)).transpose()?;
+        // Nor would anybody restart it.
+        let folder = plan.state.as_ref().filter(|_| control.is_some());
+        let store =
+            folder.map(|folder| Store::open(&folder.join(format!("{name}.redb")), plan.synced, keeps_generations));
         Ok(Self {
+            store: store.transpose()?,
+            generations: VecDeque::new(),
+            replaying: VecDeque::new(),
+            stored_at: Instant::now(),
+            spooled: 0,
+            is_finished: false,
             name,
             control,
             plan,
             sources,
-            outputs,
+            sinks,
             health_out,
             health_in,
             signals,
@@ -161,16 +226,23 @@ impl Runtime {
     ///
     /// # Errors
     /// Shared memory refuses.
-    pub fn take(&mut self, welcome: impl Fn(Topic) -> bool) -> Result<Option<(Header, Message)>> {
+    pub fn take(&mut self, welcome: impl Fn(Topic) -> bool) -> Result<Option<Taken>> {
+        if let Some(entry) = self.replay() {
+            return Ok(Some(self.again(entry)));
+        }
         for index in 0..self.sources.len() {
-            while welcome(self.sources[index].port.topic()) {
+            while welcome(self.sources[index].port.topic()) && self.may_read(index) {
                 let source = &mut self.sources[index];
                 match source.port.receive()? {
+                    Some(Received::Message(_, Message::Robot(_))) if source.seen => {
+                        // A restarted sensor describes its robot once more.
+                    }
                     Some(Received::Message(header, message)) => {
                         source.seen = true;
+                        self.write_down(header.stamp_ns, &message)?;
                         self.progress += 1;
                         self.stamp_ns = self.stamp_ns.max(header.stamp_ns);
-                        return Ok(Some((header, message)));
+                        return Ok(Some(Taken::Message(header, message)));
                     }
                     Some(Received::End(_)) => {
                         source.ended = true;
@@ -196,12 +268,25 @@ impl Runtime {
         Ok(None)
     }
 
+    /// What took effect in an earlier life takes effect again.
+    fn again(&mut self, entry: Entry) -> Taken {
+        let (topic, message) = match entry.what {
+            Unrepeatable::Robot(robot) => (Topic::RobotDescription, Message::Robot(robot)),
+            Unrepeatable::Fix(fix) => (Topic::LocalizationFix, Message::Fix(fix)),
+            Unrepeatable::Command(command) => return Taken::Command(command),
+        };
+        self.sources.iter_mut().filter(|source| source.port.topic() == topic).for_each(|source| source.seen = true);
+        self.progress += 1;
+        self.stamp_ns = self.stamp_ns.max(entry.stamp_ns);
+        Taken::Message(Header { stamp_ns: entry.stamp_ns, ..Header::default() }, message)
+    }
+
     /// Without a robot description nothing else is read. A sensor that sends none but goes on to
     /// send readings would have the graph wait for ever.
     fn check_for_robot(&mut self) -> Result<()> {
         if self.without_robot_since.is_none() {
             for source in &self.sources {
-                if source.port.topic().delivery() == Delivery::Lossless && source.port.has_messages()? {
+                if source.port.topic().delivery().is_stream() && source.port.has_messages()? {
                     self.without_robot_since = Some(Instant::now());
                 }
             }
@@ -221,16 +306,36 @@ impl Runtime {
     #[must_use]
     pub fn inputs_ended(&self, counts: impl Fn(Topic) -> bool) -> bool {
         let mut topics = self.sources.iter().map(|source| (source.port.topic(), source.ended));
-        topics.all(|(topic, ended)| ended || topic.delivery() != Delivery::Lossless || !counts(topic))
+        self.replaying.is_empty()
+            && topics.all(|(topic, ended)| ended || !topic.delivery().is_stream() || !counts(topic))
     }
 
-    /// Answers the user's orders.
+    /// Answers the user's orders; those that change something are written down first, with where that was.
     ///
     /// # Errors
-    /// Shared memory refuses.
-    pub fn serve(&mut self, mut carry_out: impl FnMut(Command) -> Result<String>) -> Result<()> {
+    /// Shared memory refuses, or the disk does.
+    pub fn serve(&mut self, at: Option<u64>, mut carry_out: impl FnMut(Command) -> Result<String>) -> Result<()> {
+        if !self.replaying.is_empty() {
+            // First those of earlier lives.
+            return Ok(());
+        }
+        let at = at.map_or_else(|| self.position(), |at| vec![at]);
         let Some(control) = &mut self.control else { return Ok(()) };
-        Ok(control.serve(|command| carry_out(command).map_err(|error| in_words(&error)))?)
+        let (store, stamp_ns) = (&mut self.store, self.stamp_ns);
+        let mut write_down = |command: Command| match store.as_mut().filter(|_| command != Command::Save) {
+            Some(store) => store.write_down(&Entry { at: at.clone(), stamp_ns, what: Unrepeatable::Command(command) }),
+            None => Ok(()),
+        };
+        Ok(control.serve(|command| {
+            let done = write_down(command).and_then(|()| carry_out(command));
+            done.map_err(|error| in_words(&error))
+        })?)
+    }
+
+    fn sink(&mut self, topic: Topic) -> Result<&mut Sink> {
+        let name = &self.name;
+        let sink = self.sinks.iter_mut().find(|sink| sink.port.topic() == topic);
+        sink.with_context(|| format!("{name} wrote to {}, which is not among its outputs", topic.name()))
     }
 
     /// Sends what the windows of the consumers have room for, and wakes them.
@@ -239,19 +344,20 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn flush(&mut self, outbox: &mut Outbox) -> Result<()> {
         while let Some((stamp_ns, message)) = outbox.front() {
-            let topic = message.topic();
-            let output =
-                self.outputs.iter_mut().find(|output| output.topic() == topic).with_context(|| {
-                    format!("{} wrote to {}, which is not among its outputs", self.name, topic.name())
-                })?;
-            if output.room() == 0 {
+            let sink = self.sink(message.topic())?;
+            if sink.port.room() == 0 {
                 break;
             }
-            output.send(*stamp_ns, message)?;
+            sink.port.send(*stamp_ns, message)?;
             outbox.pop();
         }
-        self.outputs.iter_mut().try_for_each(Output::ring)?;
-        Ok(())
+        self.ring()
+    }
+
+    /// Whether every consumer has the next message of `topic`, from an earlier life of ours.
+    #[must_use]
+    pub fn is_known(&self, topic: Topic) -> bool {
+        self.sinks.iter().any(|sink| sink.port.topic() == topic && sink.port.is_known())
     }
 
     /// Sends a sensor's message if there is room for it.
@@ -259,16 +365,11 @@ impl Runtime {
     /// # Errors
     /// Shared memory refuses.
     pub fn send(&mut self, stamp_ns: u64, message: &Message) -> Result<bool> {
-        let topic = message.topic();
-        let output = self
-            .outputs
-            .iter_mut()
-            .find(|output| output.topic() == topic)
-            .with_context(|| format!("{} wrote to {}, which is not among its outputs", self.name, topic.name()))?;
-        if output.room() == 0 {
+        let sink = self.sink(message.topic())?;
+        if sink.port.room() == 0 {
             return Ok(false);
         }
-        output.send(stamp_ns, message)?;
+        sink.port.send(stamp_ns, message)?;
         self.progress += 1;
         self.stamp_ns = self.stamp_ns.max(stamp_ns);
         Ok(true)
@@ -279,27 +380,55 @@ impl Runtime {
     /// # Errors
     /// Shared memory refuses.
     pub fn ring(&mut self) -> Result<()> {
-        Ok(self.outputs.iter_mut().try_for_each(Output::ring)?)
+        Ok(self.sinks.iter_mut().try_for_each(|sink| sink.port.ring())?)
     }
 
-    /// Says on every output stream that it ends here.
+    /// The output that somebody came to who was not there when it was written; each is told once.
+    pub fn take_newcomer(&mut self) -> Option<Topic> {
+        let sink = self.sinks.iter_mut().find(|sink| sink.newcomer)?;
+        sink.newcomer = false;
+        // The newcomer has not heard of it.
+        sink.ended &= sink.port.topic().resumes();
+        Some(sink.port.topic())
+    }
+
+    /// Says on every output stream that it ends here, to whoever has not heard it.
     ///
     /// # Errors
     /// Shared memory refuses.
     pub fn end_outputs(&mut self) -> Result<()> {
-        for output in &mut self.outputs {
-            if output.topic().delivery() == Delivery::Lossless {
-                output.end(self.stamp_ns)?;
+        let stamp_ns = self.stamp_ns;
+        for sink in self.sinks.iter_mut().filter(|sink| !sink.ended) {
+            if sink.port.topic().delivery().is_stream() {
+                sink.port.end(stamp_ns)?;
             }
-            output.ring()?;
+            sink.ended = true;
+            sink.port.ring()?;
         }
         Ok(())
+    }
+
+    /// What came in is stored as far as was said before.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn leave(&mut self) -> Result<()> {
+        self.set_state(ServiceState::Finished)
+    }
+
+    /// All that came in is taken care of, downstream too: whoever sent it may leave.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn finish(&mut self) -> Result<()> {
+        self.is_finished = true;
+        self.set_state(ServiceState::Finished)
     }
 
     /// Whether every consumer has integrated all that was sent.
     #[must_use]
     pub fn is_drained(&self) -> bool {
-        self.outputs.iter().all(Output::is_drained)
+        self.sinks.iter().all(|sink| sink.port.is_drained() && !sink.newcomer)
     }
 
     /// Waits until something happened, at most for `patience`; takes note of signals, of the
@@ -323,22 +452,28 @@ impl Runtime {
         for source in &self.sources {
             source.port.hush()?;
         }
-        if let Some(port) = &mut self.health_in {
-            port.hush()?;
-            let mut arrivals = false;
-            while let Some(received) = port.receive()? {
-                if let Received::Message(_, Message::Health(health)) = received {
-                    self.outputs.iter_mut().for_each(|output| output.note(&health));
-                    arrivals |= !self.known.contains(&health.pid);
-                    self.known.insert(health.pid);
-                }
-            }
-            if arrivals {
-                // They get the latest of what was sent before they came.
-                self.outputs.iter_mut().try_for_each(Output::welcome)?;
-            }
-        }
+        self.hear()?;
         self.publish_health_if_due()
+    }
+
+    /// Listens to what the others say of themselves.
+    fn hear(&mut self) -> Result<()> {
+        self.health_in.hush()?;
+        let mut arrivals = false;
+        while let Some(received) = self.health_in.receive()? {
+            let Received::Message(_, Message::Health(health)) = received else { continue };
+            for sink in &mut self.sinks {
+                let is_new = sink.port.note(&health);
+                sink.newcomer |= is_new && sink.port.topic().delivery() == Delivery::Relayed;
+            }
+            arrivals |= self.known.insert(health.pid);
+        }
+        if arrivals {
+            // They get the latest of what was sent before they came, and hear of us.
+            self.sinks.iter_mut().try_for_each(|sink| sink.port.welcome())?;
+            self.health_due = Instant::now();
+        }
+        Ok(())
     }
 
     fn poll(&self, patience: Duration) -> Result<(bool, bool)> {
@@ -346,7 +481,7 @@ impl Runtime {
         fds.extend(self.lifeline.as_ref().filter(|_| self.stop != Some(Stop::Orphaned)).map(Lifeline::fd));
         let watched_lifeline = fds.len() == 2;
         fds.extend(self.sources.iter().map(|source| source.port.fd()));
-        fds.extend(self.health_in.as_ref().map(Port::fd));
+        fds.push(self.health_in.fd());
         fds.extend(self.control.as_ref().map(ControlServer::fd));
         let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
         // Rounded up: a loop that waits for 0 ms until 0.9 ms have passed would spin.
@@ -361,19 +496,42 @@ impl Runtime {
     }
 
     fn publish_health_if_due(&mut self) -> Result<()> {
-        let pending = |source: &Source| source.port.ack().sequence.saturating_sub(source.published);
-        let far_ahead = self.sources.iter().any(|source| {
+        let acks = self.acknowledged();
+        let pending = || {
+            self.sources.iter().zip(&acks).map(|(source, ack)| (source, ack.sequence.saturating_sub(source.published)))
+        };
+        let far_ahead = pending().any(|(source, pending)| {
             let window = source.port.topic().qos(self.plan.max_readings).window;
-            window != u64::MAX && pending(source) >= window / 4
+            window != u64::MAX && pending >= window / 4
         });
-        if !far_ahead && self.sources.iter().any(|source| pending(source) > 0) {
+        if !far_ahead && pending().any(|(_, pending)| pending > 0) {
             self.health_due = self.health_due.min(Instant::now() + ACKNOWLEDGE_WITHIN);
         }
         if far_ahead || Instant::now() >= self.health_due { self.publish_health() } else { Ok(()) }
     }
 
+    /// What the producers need not keep for us any longer, by input.
+    fn acknowledged(&self) -> Vec<Ack> {
+        let stored = self.usable();
+        let mut stored = stored.into_iter().flat_map(|moment| moment.read.iter());
+        let acks = self.sources.iter().map(|source| {
+            let taken = source.port.taken();
+            if self.is_finished {
+                return taken;
+            }
+            // The end counts when all is done that comes of it.
+            let end = u64::from(source.ended);
+            let sequence = match &self.store {
+                Some(_) if source.resumes() => stored.next().map_or(0, |read| read.sequence - u64::from(read.ended)),
+                _ => taken.sequence.saturating_sub(end),
+            };
+            Ack { sequence, ..taken }
+        });
+        acks.collect()
+    }
+
     fn publish_health(&mut self) -> Result<()> {
-        let acks: Vec<Ack> = self.sources.iter().map(|source| source.port.ack()).collect();
+        let acks = self.acknowledged();
         for (source, ack) in self.sources.iter_mut().zip(&acks) {
             source.published = ack.sequence;
         }
@@ -385,7 +543,7 @@ impl Runtime {
             total: self.total,
             stamp_ns: self.stamp_ns,
             faults: self.faults,
-            lost: self.sources.iter().map(|source| source.port.lost()).sum(),
+            lost: self.sources.iter().map(Source::lost).sum(),
             acks,
             last_error: self.last_error.clone(),
         };

@@ -14,6 +14,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::{BackpressureStrategy, EventId, FileDescriptorBased, ServiceName, ipc};
 use iceoryx2::service::port_factory::{event, request_response};
+use serde::{Deserialize, Serialize};
 
 use crate::participant::{Participant, TopicError};
 use crate::wire::{ControlReplyWire, ControlRequestWire, bytes_to_text, text_to_bytes};
@@ -28,7 +29,7 @@ type ClientPort = Client<ipc::Service, ControlRequestWire, (), ControlReplyWire,
 type ServerPort = Server<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
 
 /// What a service can be told.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Command {
     /// Save what you have.
     Save,

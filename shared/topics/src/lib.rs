@@ -3,11 +3,14 @@
 
 pub mod control;
 pub mod domain;
+pub mod janitor;
 pub mod message;
 pub mod owner;
 pub mod participant;
+mod place;
 pub mod port;
 pub mod topic;
+mod window;
 pub mod wire;
 
 pub use control::{Command, ControlServer};

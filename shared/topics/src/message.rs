@@ -193,6 +193,8 @@ pub enum ServiceState {
     Finished = 4,
     /// About to leave for an error.
     Failed = 5,
+    /// It will not come back, says the launcher: nobody need wait for it.
+    Gone = 6,
 }
 
 /// How far a consumer has integrated one of its inputs.
@@ -200,9 +202,9 @@ pub enum ServiceState {
 pub struct Ack {
     /// The input.
     pub topic: Topic,
-    /// Life of the producer; 0 before its first message.
+    /// Epoch of the sequence; 0 before the first message.
     pub epoch: u64,
-    /// Last sequence integrated.
+    /// Last sequence that will not be needed again.
     pub sequence: u64,
 }
 
@@ -779,11 +781,11 @@ impl TryFrom<&HealthWire> for Health {
     type Error = Fault;
 
     fn try_from(wire: &HealthWire) -> Result<Self, Fault> {
-        use ServiceState::{Draining, Failed, Finished, Running, Starting};
-        let state = [Starting, Running, Draining, Finished, Failed]
+        use ServiceState::{Draining, Failed, Finished, Gone, Running, Starting};
+        let state = [Starting, Running, Draining, Finished, Failed, Gone]
             .into_iter()
             .find(|state| *state as u32 == wire.state)
-            .ok_or(Fault { field: "state", value: wire.state.to_string(), expected: "1 to 5" })?;
+            .ok_or(Fault { field: "state", value: wire.state.to_string(), expected: "1 to 6" })?;
         check(wire.ack_count as usize <= MAX_ACKS, "ack_count", wire.ack_count, "at most 8")?;
         let acks = wire.acks[..wire.ack_count as usize]
             .iter()

@@ -1,5 +1,7 @@
 //! The launcher's part in a domain.
 
+use std::path::PathBuf;
+
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, EventId, ZeroCopySend, ipc};
 
@@ -22,7 +24,7 @@ const MAX_LISTENERS: usize = 16;
 #[derive(Debug)]
 pub struct Owner {
     // Topics before the node, the node before the claim that wipes the domain.
-    _topics: Vec<Box<dyn core::fmt::Debug>>,
+    topics: Vec<Box<dyn core::fmt::Debug>>,
     participant: Participant,
     claim: Claim,
 }
@@ -38,31 +40,32 @@ impl Owner {
         let count = services.len() as u64;
         check_memory(memory_budget_bytes(max_readings, count), files_needed(count))?;
         let participant = Participant::join(claim.domain(), "launcher")?;
-        let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
-        for topic in Topic::ALL {
-            let node = participant.node();
-            let qos = topic.qos(max_readings);
-            topics.push(match topic {
-                Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
-                Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
-                Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
-                Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
-                Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
-                Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
-                Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
-                Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
-                Topic::TruePose => Box::new(create_sized::<TruePoseWire>(node, topic, qos)?),
-                Topic::TrueWorld => Box::new(create_sized::<TrueWorldWire>(node, topic, qos)?),
-                Topic::LocalizationRequest => Box::new(create_sized::<LocalizationRequestWire>(node, topic, qos)?),
-                Topic::LocalizationFix => Box::new(create_sized::<FixWire>(node, topic, qos)?),
-            });
-            topics.push(Box::new(create_bell(node, topic)?));
-        }
-        for service in services {
-            topics.extend(control::create(participant.node(), service)?);
-        }
+        let topics = topics(&participant, max_readings, services)?;
         claim.make_private()?;
-        Ok(Self { _topics: topics, participant, claim })
+        Ok(Self { topics, participant, claim })
+    }
+
+    /// Makes all of it anew, in the same domain. No other process may be in it, and no port of it may be used any more.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn renew(&mut self, max_readings: usize, services: &[&str]) -> Result<(), TopicError> {
+        self.claim.renew()?;
+        let participant = Participant::join(self.claim.domain(), "launcher")?;
+        let topics = topics(&participant, max_readings, services)?;
+        // To close what is wedged could hang; its memory has no name any more.
+        core::mem::forget(core::mem::replace(&mut self.topics, topics));
+        core::mem::forget(core::mem::replace(&mut self.participant, participant));
+        self.claim.make_private()?;
+        Ok(())
+    }
+
+    /// A folder, made now, in which services store their states. It outlives what is made anew.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn state_dir(&self) -> Result<PathBuf, TopicError> {
+        Ok(self.claim.state_dir()?)
     }
 
     /// The launcher as a process of its own domain.
@@ -76,6 +79,38 @@ impl Owner {
     pub fn domain(&self) -> &Domain {
         self.claim.domain()
     }
+}
+
+/// Creates every topic, and the orders to each service.
+fn topics(
+    participant: &Participant,
+    max_readings: usize,
+    services: &[&str],
+) -> Result<Vec<Box<dyn core::fmt::Debug>>, TopicError> {
+    let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
+    for topic in Topic::ALL {
+        let node = participant.node();
+        let qos = topic.qos(max_readings);
+        topics.push(match topic {
+            Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
+            Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
+            Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
+            Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
+            Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
+            Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
+            Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
+            Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
+            Topic::TruePose => Box::new(create_sized::<TruePoseWire>(node, topic, qos)?),
+            Topic::TrueWorld => Box::new(create_sized::<TrueWorldWire>(node, topic, qos)?),
+            Topic::LocalizationRequest => Box::new(create_sized::<LocalizationRequestWire>(node, topic, qos)?),
+            Topic::LocalizationFix => Box::new(create_sized::<FixWire>(node, topic, qos)?),
+        });
+        topics.push(Box::new(create_bell(node, topic)?));
+    }
+    for service in services {
+        topics.extend(control::create(participant.node(), service)?);
+    }
+    Ok(topics)
 }
 
 fn specifier(schema: &str) -> Result<AttributeSpecifier, TopicError> {

@@ -123,7 +123,7 @@ fn make_node(domain: &Domain, name: &str) -> Result<Node<ipc::Service>, TopicErr
         .map_err(|e| failed(e.to_string()))
 }
 
-fn path_bytes(path: &StdPath) -> &[u8] {
+pub(crate) fn path_bytes(path: &StdPath) -> &[u8] {
     use std::os::unix::ffi::OsStrExt;
     path.as_os_str().as_bytes()
 }

@@ -10,11 +10,13 @@ use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy, EventId, FileDescriptorBased, ipc};
 
 use crate::message::{
-    Ack, Fault, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
-    ServiceState, TileUpdate, TruePose, TrueWorld,
+    Ack, Fault, Health, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry, TileUpdate,
+    TruePose, TrueWorld,
 };
 use crate::participant::{Participant, SENT, Sized, Slice, TopicError};
-use crate::topic::{Delivery, Topic};
+use crate::place::{Place, Step};
+use crate::topic::Topic;
+use crate::window::Window;
 use crate::wire::{
     EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
     RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
@@ -58,14 +60,6 @@ enum In {
     Fix(SubscriberOf<FixWire>),
 }
 
-/// A consumer that a producer waits for.
-#[derive(Debug, Clone)]
-struct Consumer {
-    name: String,
-    /// None until it has said that it is there.
-    acknowledged: Option<u64>,
-}
-
 /// A topic to write to.
 #[derive(Debug)]
 pub struct Output {
@@ -73,16 +67,18 @@ pub struct Output {
     port: Out,
     bell: Notifier<ipc::Service>,
     epoch: u64,
+    life: u32,
     sequence: u64,
-    window: u64,
+    /// What every consumer has stored is not sent again.
+    stored: u64,
+    window: Window,
     max_readings: usize,
-    consumers: Vec<Consumer>,
     unrung: bool,
 }
 
 impl Output {
-    /// Opens `topic` for writing. On a lossless topic the producer stays within the topic's window
-    /// of the slowest of `consumers` (names of services), and starts when all have shown up.
+    /// Opens `topic` for writing, in the run `epoch`. The producer of a stream stays within the topic's window of the
+    /// slowest of `consumers` (names of services), and starts when all have shown up.
     ///
     /// # Errors
     /// The topic can't be opened.
@@ -90,6 +86,7 @@ impl Output {
         participant: &Participant,
         topic: Topic,
         max_readings: usize,
+        epoch: u64,
         consumers: &[String],
     ) -> Result<Self, TopicError> {
         let port = match topic {
@@ -113,16 +110,19 @@ impl Output {
             .default_event_id(EventId::new(SENT))
             .create()
             .map_err(|e| failed(topic, "creating a notifier", e))?;
-        let consumers = if topic.delivery() == Delivery::Lossless { consumers } else { &[] };
+        let consumers = if topic.delivery().is_stream() { consumers } else { &[] };
+        let life = new_epoch();
+        let epoch = if topic.resumes() { epoch } else { life };
         Ok(Self {
             topic,
             port,
             bell,
-            epoch: new_epoch(),
+            epoch,
+            life: life as u32,
             sequence: 0,
-            window: topic.qos(max_readings).window,
+            stored: 0,
+            window: Window::new(topic, epoch, topic.qos(max_readings).window, consumers),
             max_readings,
-            consumers: consumers.iter().map(|name| Consumer { name: name.clone(), acknowledged: None }).collect(),
             unrung: false,
         })
     }
@@ -133,39 +133,59 @@ impl Output {
         self.topic
     }
 
+    /// The last sequence sent.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
     /// How many more messages fit into the window of the slowest consumer now.
     #[must_use]
     pub fn room(&self) -> u64 {
-        let mut room = u64::MAX;
-        for consumer in &self.consumers {
-            let Some(acknowledged) = consumer.acknowledged else { return 0 };
-            room = room.min((acknowledged + self.window).saturating_sub(self.sequence));
-        }
-        room
+        self.window.room(self.sequence)
     }
 
-    /// Whether every consumer has integrated all that was sent.
+    /// Whether every consumer has been heard of.
+    #[must_use]
+    pub fn is_met(&self) -> bool {
+        self.window.acknowledged().is_some()
+    }
+
+    /// The last sequence that no consumer will need again.
+    #[must_use]
+    pub fn acknowledged(&self) -> u64 {
+        self.window.acknowledged().flatten().unwrap_or(if self.is_met() { u64::MAX } else { 0 })
+    }
+
+    /// Goes on after `sequence`, where an earlier life was; what every consumer has stored by now is only counted.
+    pub fn resume(&mut self, sequence: u64) {
+        self.sequence = sequence;
+        self.stored = self.window.acknowledged().flatten().unwrap_or(0);
+    }
+
+    /// Whether every consumer has the next message, from an earlier life of ours.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.topic.resumes() && self.sequence < self.stored
+    }
+
+    /// Whether every consumer is done with all that was sent.
     #[must_use]
     pub fn is_drained(&self) -> bool {
-        self.consumers.iter().all(|consumer| consumer.acknowledged == Some(self.sequence))
+        self.window.is_drained(self.sequence)
     }
 
-    /// The consumers that have not integrated all that was sent.
+    /// The consumers that are not.
     #[must_use]
     pub fn lagging(&self) -> Vec<&str> {
-        let behind = |consumer: &&Consumer| consumer.acknowledged != Some(self.sequence);
-        self.consumers.iter().filter(behind).map(|consumer| consumer.name.as_str()).collect()
+        self.window.lagging(self.sequence)
     }
 
-    /// Takes note of what a consumer says it has integrated.
-    pub fn note(&mut self, health: &Health) {
-        let Some(consumer) = self.consumers.iter_mut().find(|consumer| consumer.name == health.service) else { return };
-        if health.state == ServiceState::Starting {
-            return;
-        }
-        let Some(Ack { epoch, sequence, .. }) = health.acks.iter().find(|ack| ack.topic == self.topic) else { return };
-        let sequence = if *epoch == self.epoch { (*sequence).min(self.sequence) } else { 0 };
-        consumer.acknowledged = Some(consumer.acknowledged.unwrap_or(0).max(sequence));
+    /// Takes note of what a consumer says it is done with; whether it is one that was not there before.
+    pub fn note(&mut self, health: &Health) -> bool {
+        // What a consumer stored of an earlier life of ours is more than this one has sent so far.
+        let sent = if self.topic.resumes() { u64::MAX } else { self.sequence };
+        self.window.note(health, sent)
     }
 
     /// Sends a message, without waking anyone: [`Output::ring`] does.
@@ -174,6 +194,9 @@ impl Output {
     /// Shared memory refuses, the message belongs to another topic, or a scan is too long.
     pub fn send(&mut self, stamp_ns: u64, message: &Message) -> Result<(), TopicError> {
         let header = self.next_header(stamp_ns, 0);
+        if self.is_stored(&header) {
+            return Ok(());
+        }
         let topic = self.topic;
         match (&self.port, message) {
             (Out::Robot(port), Message::Robot(robot)) => put(port, topic, header, robot.into()),
@@ -205,6 +228,9 @@ impl Output {
     /// Shared memory refuses.
     pub fn end(&mut self, stamp_ns: u64) -> Result<(), TopicError> {
         let header = self.next_header(stamp_ns, END);
+        if self.is_stored(&header) {
+            return Ok(());
+        }
         let topic = self.topic;
         match &self.port {
             Out::Robot(port) => put(port, topic, header, RobotWire::default()),
@@ -264,7 +290,16 @@ impl Output {
     }
 
     fn next_header(&self, stamp_ns: u64, flags: u32) -> Header {
-        Header { sequence: self.sequence + 1, epoch: self.epoch, stamp_ns, flags, reserved: 0 }
+        Header { sequence: self.sequence + 1, epoch: self.epoch, stamp_ns, flags, life: self.life }
+    }
+
+    /// Whether every consumer has it: then it is counted and not sent.
+    fn is_stored(&mut self, header: &Header) -> bool {
+        let is_stored = self.is_known();
+        if is_stored {
+            self.sequence = header.sequence;
+        }
+        is_stored
     }
 }
 
@@ -286,9 +321,7 @@ pub struct Input {
     topic: Topic,
     port: In,
     bell: Listener<ipc::Service>,
-    epoch: u64,
-    sequence: u64,
-    lost: u64,
+    place: Place,
 }
 
 impl Input {
@@ -317,13 +350,19 @@ impl Input {
             Topic::LocalizationRequest => In::Request(subscriber(participant, topic)?),
             Topic::LocalizationFix => In::Fix(subscriber(participant, topic)?),
         };
-        Ok(Self { topic, port, bell, epoch: 0, sequence: 0, lost: 0 })
+        Ok(Self { topic, port, bell, place: Place::default() })
     }
 
     /// The topic.
     #[must_use]
     pub fn topic(&self) -> Topic {
         self.topic
+    }
+
+    /// Goes on after message `sequence` of the run `epoch`, whose stamp was `stamp_ns`: nothing before is new, and another
+    /// run's is a fault.
+    pub fn resume(&mut self, epoch: u64, sequence: u64, stamp_ns: u64) {
+        self.place = Place::after(epoch, sequence, stamp_ns);
     }
 
     /// Readable when there may be something new.
@@ -341,13 +380,26 @@ impl Input {
         self.bell.try_wait(|_| {}).map(|_| ()).map_err(|e| failed(self.topic, "draining its event", e))
     }
 
-    /// The next message.
+    /// The next message that was not here before.
     ///
     /// # Errors
     /// Shared memory refuses.
     pub fn receive(&mut self) -> Result<Option<Received>, TopicError> {
+        while let Some(received) = self.receive_any()? {
+            let (Received::Message(header, _) | Received::End(header) | Received::Faulty(header, _)) = &received;
+            let header = *header;
+            match self.place.follow(self.topic.delivery(), &header) {
+                Step::New => return Ok(Some(received)),
+                Step::Known => {}
+                Step::Faulty(fault) => return Ok(Some(Received::Faulty(header, fault))),
+            }
+        }
+        Ok(None)
+    }
+
+    fn receive_any(&mut self) -> Result<Option<Received>, TopicError> {
         let topic = self.topic;
-        let received = match &self.port {
+        match &self.port {
             In::Robot(port) => get(port, topic, |w: &RobotWire| w.try_into().map(Message::Robot)),
             In::Odometry(port) => {
                 get(port, topic, |w: &OdometryRawWire| RawOdometry::try_from(w).map(Message::Odometry))
@@ -370,11 +422,7 @@ impl Input {
                 LocalizationRequest::try_from(w).map(|request| Message::Request(Box::new(request)))
             }),
             In::Fix(port) => get(port, topic, |w: &FixWire| LocalizationFix::try_from(w).map(Message::Fix)),
-        }?;
-        if let Some(Received::Message(header, _) | Received::End(header) | Received::Faulty(header, _)) = &received {
-            self.follow(*header);
         }
-        Ok(received)
     }
 
     /// Whether there is something to receive.
@@ -399,26 +447,22 @@ impl Input {
         .map_err(|e| failed(self.topic, "looking for messages", e))
     }
 
-    /// How far this input has been read, as its producer wants to know it.
+    /// How far this input has been read.
     #[must_use]
-    pub fn ack(&self) -> Ack {
-        Ack { topic: self.topic, epoch: self.epoch, sequence: self.sequence }
+    pub fn taken(&self) -> Ack {
+        Ack { topic: self.topic, epoch: self.place.epoch, sequence: self.place.sequence }
     }
 
-    /// Messages that never arrived, by the gaps in the sequence (lossless topics only).
+    /// Stamp of the latest message, nanoseconds.
+    #[must_use]
+    pub fn stamp_ns(&self) -> u64 {
+        self.place.stamp_ns()
+    }
+
+    /// Messages that never arrived, by the gaps in the sequence (streams only).
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.lost
-    }
-
-    fn follow(&mut self, header: Header) {
-        if self.topic.delivery() == Delivery::Lossless {
-            // A faulty producer may count as it likes.
-            let expected = if header.epoch == self.epoch { self.sequence.saturating_add(1) } else { 1 };
-            self.lost = self.lost.saturating_add(header.sequence.saturating_sub(expected));
-        }
-        self.epoch = header.epoch;
-        self.sequence = header.sequence;
+        self.place.lost
     }
 }
 

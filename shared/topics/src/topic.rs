@@ -34,12 +34,24 @@ pub enum Topic {
 /// What a topic promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Delivery {
-    /// Nothing lost, in order: producers stay within a window of their slowest consumer.
+    /// Nothing lost, in order, over the lives of producers and consumers: producers stay within a window of what their
+    /// slowest consumer has stored, and a restarted one goes on with the numbering.
     Lossless,
+    /// Nothing lost, in order, to who is there: producers stay within a window of what was taken in. Who comes anew gets
+    /// what counts once more.
+    Relayed,
     /// The latest value counts; a late joiner gets it.
     Latest,
     /// May be dropped when nobody keeps up.
     Droppable,
+}
+
+impl Delivery {
+    /// Whether producers wait for their consumers, and say that the stream ends.
+    #[must_use]
+    pub fn is_stream(self) -> bool {
+        matches!(self, Self::Lossless | Self::Relayed)
+    }
 }
 
 /// Room that a topic reserves in shared memory.
@@ -107,18 +119,21 @@ impl Topic {
     #[must_use]
     pub fn delivery(self) -> Delivery {
         match self {
-            Self::OdometryRaw
-            | Self::RangeScan
-            | Self::OdometryEstimate
-            | Self::MapTiles
-            | Self::TruePose
-            | Self::LocalizationRequest => Delivery::Lossless,
+            Self::OdometryRaw | Self::RangeScan | Self::OdometryEstimate | Self::TruePose => Delivery::Lossless,
+            // A tile is newer than the last of its place, and a request can be made again.
+            Self::MapTiles | Self::LocalizationRequest => Delivery::Relayed,
             // Who waits for a fix waits for one at a time.
             Self::RobotDescription | Self::MapInfo | Self::Health | Self::LocalizationFix | Self::TrueWorld => {
                 Delivery::Latest
             }
             Self::RangeVerdict => Delivery::Droppable,
         }
+    }
+
+    /// Whether its numbering goes on over the lives of its producers.
+    #[must_use]
+    pub fn resumes(self) -> bool {
+        self.delivery() == Delivery::Lossless
     }
 
     /// Quality of service where scans hold at most `max_readings` readings.
@@ -227,7 +242,7 @@ mod tests {
     fn windows_fit_the_buffers_so_that_overflow_never_happens_under_back_pressure() {
         for topic in Topic::ALL {
             let qos = topic.qos(181);
-            if topic.delivery() == Delivery::Lossless {
+            if topic.delivery().is_stream() {
                 assert!(qos.window as usize <= qos.buffer / 2, "{topic:?} {qos:?}");
             }
         }

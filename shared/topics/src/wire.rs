@@ -75,17 +75,17 @@ impl<T: Zero, const N: usize> Zero for [T; N] {
 
 wire! {
     /// Goes with every message of every topic.
-    "echogrid/Header/1" Header {
-        /// Number of this message within the producer's life: 1, 2, 3 …
+    "echogrid/Header/2" Header {
+        /// Number of this message: 1, 2, 3 …; on a lossless topic within the run, else within the producer's life.
         sequence: u64,
-        /// The producer's life: differs after each restart.
+        /// On a lossless topic the run's, as the plan says; else the producer's life.
         epoch: u64,
         /// When the content was true, by the sensor's clock, nanoseconds.
         stamp_ns: u64,
         /// Bit 0: the stream ends here, the payload says nothing.
         flags: u32,
-        /// Zero.
-        reserved: u32,
+        /// The producer's life: differs after each restart.
+        life: u32,
     }
 }
 
@@ -289,26 +289,26 @@ wire! {
 
 wire! {
     /// How far a consumer has integrated one of its inputs.
-    "echogrid/Ack/1" AckWire {
+    "echogrid/Ack/2" AckWire {
         /// Topic code.
         topic: u32,
         /// Zero.
         reserved: u32,
-        /// Life of the producer that the sequence belongs to; 0 before the first message.
+        /// Epoch that the sequence belongs to; 0 before the first message.
         epoch: u64,
-        /// Last sequence integrated.
+        /// Last sequence that will not be needed again: stored with all that came of it (lossless topics), or taken in.
         sequence: u64,
     }
 }
 
 wire! {
     /// `health`: how a service is doing. Sent from its main loop, so it stops when the loop hangs.
-    "echogrid/Health/1" HealthWire {
+    "echogrid/Health/2" HealthWire {
         /// UTF-8, padded with zeros.
         service: [u8; 32],
         /// Process id.
         pid: u32,
-        /// 1 starting, 2 running, 3 draining, 4 finished, 5 failed.
+        /// 1 starting, 2 running, 3 draining, 4 finished, 5 failed, 6 gone for good (said by the launcher).
         state: u32,
         /// Messages taken in (of a sensor: given out).
         progress: u64,

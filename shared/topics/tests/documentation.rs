@@ -28,6 +28,7 @@ fn every_topic_has_its_row() {
     for topic in Topic::ALL {
         let delivery = match topic.delivery() {
             Delivery::Lossless => "lossless",
+            Delivery::Relayed => "relayed",
             Delivery::Latest => "latest",
             Delivery::Droppable => "droppable",
         };

@@ -452,7 +452,7 @@ fn verdicts_and_health_that_cannot_be() {
     check("acks.topic", |_| {});
     check("acks.topic", |w| w.acks[0].topic = 99);
     check("state", |w| w.state = 0);
-    check("state", |w| w.state = 6);
+    check("state", |w| w.state = 7);
     check("ack_count", |w| w.ack_count = 9);
     assert!(Health::try_from(&HealthWire { ack_count: 0, ..good_health() }).is_ok());
 }

@@ -35,6 +35,8 @@ pub const SHM: &str = "/dev/shm";
 const LONGEST_NAME: usize = 20;
 /// How long processes of a launcher that died may take to leave before a new one gives up.
 const ORPHANS_LEAVE_WITHIN: Duration = Duration::from_secs(5);
+/// Shared memory that must be free beyond what the topics need, for states to be stored there: several large maps.
+const STATES_BYTES: u64 = 256 << 20;
 /// How long others may hold a domain's lock only to look at it.
 const GLANCES_END_WITHIN: Duration = Duration::from_secs(1);
 
@@ -139,6 +141,12 @@ impl Domain {
             std::thread::sleep(Duration::from_millis(10));
         }
         self.wipe();
+        self.furnish()?;
+        Ok(Claim { domain: self, _owner: owner })
+    }
+
+    /// Makes its directory, and the file that tells iceoryx2 about it.
+    fn furnish(&self) -> Result<(), DomainError> {
         let config = self.iceoryx2_config();
         let (dir, config_dir) = (self.dir(), self.dir().join("config"));
         for path in [&dir, &config_dir] {
@@ -153,8 +161,7 @@ impl Domain {
             dir.display(),
             self.prefix()
         );
-        write_private(&config, text.as_bytes())?;
-        Ok(Claim { domain: self, _owner: owner })
+        write_private(&config, text.as_bytes())
     }
 
     fn lock_as_owner(&self) -> Result<Flock<File>, DomainError> {
@@ -214,8 +221,21 @@ impl Domain {
         own.map(|entry| entry.path()).collect()
     }
 
+    /// Where its services may store their states: in memory, and where there is none to spare.
+    fn states(&self) -> [PathBuf; 2] {
+        let name = format!("echogrid-{}-{}.state", self.uid, self.name);
+        [self.base.join(format!("{}.state", self.name)), std::env::temp_dir().join(name)]
+    }
+
     /// Removes everything the domain left. Call only while holding its locks.
     fn wipe(&self) {
+        self.wipe_shared_memory();
+        for folder in self.states() {
+            let _ = fs::remove_dir_all(folder);
+        }
+    }
+
+    fn wipe_shared_memory(&self) {
         for object in self.objects() {
             // Gone already is as good.
             let _ = fs::remove_file(object);
@@ -237,6 +257,26 @@ impl Claim {
     #[must_use]
     pub fn domain(&self) -> &Domain {
         &self.domain
+    }
+
+    /// A folder, made now, in which services store their states. It outlives shared memory that is made anew, and goes with the claim.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn state_dir(&self) -> Result<PathBuf, DomainError> {
+        let [in_memory, on_disk] = self.domain.states();
+        let folder = if check_memory(STATES_BYTES, 0).is_ok() { in_memory } else { on_disk };
+        make_dir(&folder)?;
+        Ok(folder)
+    }
+
+    /// Takes everything out of shared memory that is the domain's, and begins anew. No other process may be in it.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub(crate) fn renew(&self) -> Result<(), DomainError> {
+        self.domain.wipe_shared_memory();
+        self.domain.furnish()
     }
 
     /// Takes away what group and others may do with what is in shared memory by now.

@@ -1,0 +1,55 @@
+//! The launcher's ends of the graph, which is its own.
+
+use anyhow::Result;
+use echogrid_topics::{Input, Output, Owner, Topic};
+
+use super::run::Graph;
+
+/// The launcher's ends of the graph.
+#[derive(Debug)]
+pub(super) struct Ports {
+    pub(super) health: Input,
+    pub(super) info: Input,
+    pub(super) world: Input,
+    /// What the launcher says of services that can't say it themselves.
+    pub(super) word: Output,
+    // Last: what the others are ports of.
+    owner: Owner,
+}
+
+impl Ports {
+    pub(super) fn create(graph: &mut Graph<'_>) -> Result<Self> {
+        let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
+        let owner = Owner::create(graph.domain.clone(), graph.plan.max_readings, &names)?;
+        if graph.plan.state.is_none() {
+            graph.plan.state = Some(owner.state_dir()?);
+        }
+        graph.plan.write(owner.domain())?;
+        let participant = owner.participant();
+        Ok(Self {
+            health: Input::open(participant, Topic::Health)?,
+            info: Input::open(participant, Topic::MapInfo)?,
+            world: Input::open(participant, Topic::TrueWorld)?,
+            word: Output::open(participant, Topic::Health, graph.plan.max_readings, graph.plan.epoch, &[])?,
+            owner,
+        })
+    }
+
+    /// All of it made anew. No process may be in it.
+    pub(super) fn renew(&mut self, graph: &Graph<'_>) -> Result<()> {
+        let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
+        self.owner.renew(graph.plan.max_readings, &names)?;
+        graph.plan.write(self.owner.domain())?;
+        let participant = self.owner.participant();
+        let open = |topic| Input::open(participant, topic);
+        let word = Output::open(participant, Topic::Health, graph.plan.max_readings, graph.plan.epoch, &[])?;
+        // To close what is wedged could hang.
+        std::mem::forget((
+            std::mem::replace(&mut self.health, open(Topic::Health)?),
+            std::mem::replace(&mut self.info, open(Topic::MapInfo)?),
+            std::mem::replace(&mut self.world, open(Topic::TrueWorld)?),
+            std::mem::replace(&mut self.word, word),
+        ));
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! What is run, what is seen of it, and what it comes to.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use anyhow::{Result, bail};
+use echogrid_service::Plan;
+use echogrid_topics::{Domain, Health, MapInfo, TrueWorld};
+
+use crate::config::{Service, ServiceKind, SupervisionConfig};
+
+/// What is to be run.
+#[derive(Debug)]
+pub struct Graph<'a> {
+    /// Where.
+    pub domain: Domain,
+    /// The processes.
+    pub services: &'a BTreeMap<String, Service>,
+    /// What they are told.
+    pub plan: Plan,
+    /// What they log (`ECHOGRID_LOG`); none: as the environment says.
+    pub log_filter: Option<&'a str>,
+    /// Whether they log as JSON.
+    pub log_json: bool,
+    /// From one sign of life to the next. Writing a large map to a slow disk is one step.
+    pub alive_within: Duration,
+    /// A service that has not become ready for so long hangs.
+    pub ready_within: Duration,
+    /// What happens when a service dies or hangs.
+    pub supervision: &'a SupervisionConfig,
+}
+
+/// How the run is doing.
+#[derive(Debug)]
+pub struct Progress<'a> {
+    /// The sensor's health, once heard.
+    pub sensor: Option<&'a Health>,
+    /// How many services are ready, and of how many.
+    pub ready: (usize, usize),
+}
+
+/// Something that happens once.
+#[derive(Debug)]
+pub enum Event<'a> {
+    /// A process was started.
+    Started {
+        /// The service.
+        name: &'a str,
+        /// Its process.
+        pid: u32,
+    },
+    /// Every service is ready.
+    Ready,
+    /// A process is gone.
+    Ended {
+        /// The service.
+        name: &'a str,
+        /// How, for people.
+        how: String,
+    },
+    /// It will be started again.
+    Restarting {
+        /// The service.
+        name: &'a str,
+        /// Why, for people.
+        why: &'a str,
+        /// How often it was within the window, this time included.
+        number: u32,
+        /// How soon.
+        after: Duration,
+    },
+    /// It will not, and the others go on.
+    GivenUp {
+        /// The service.
+        name: &'a str,
+        /// Why, for people.
+        why: &'a str,
+    },
+    /// The shared memory of the graph is made anew, and all its processes.
+    Rebuilt {
+        /// Why, for people.
+        why: &'a str,
+    },
+}
+
+/// What people see of a run while it lasts.
+pub trait Observer {
+    /// Called as things happen.
+    fn event(&mut self, event: &Event<'_>);
+    /// Called about ten times a second.
+    fn progress(&mut self, progress: &Progress<'_>);
+    /// A line that a service logged.
+    fn line(&mut self, line: &str);
+}
+
+/// How a run ended.
+#[derive(Debug, Default)]
+pub struct Outcome {
+    /// The map in numbers, as the mapper last told.
+    pub map: Option<MapInfo>,
+    /// The world, if the sensor is a simulator that tells.
+    pub world: Option<TrueWorld>,
+    /// The last health of each service.
+    pub health: BTreeMap<String, Health>,
+    /// Whether the user stopped it.
+    pub stopped: bool,
+    /// Start to all services ready.
+    pub startup: Duration,
+    /// All services ready to all services gone.
+    pub elapsed: Duration,
+    /// The services that failed and how; the first is the cause.
+    pub failures: Vec<String>,
+    /// Services that had to be killed.
+    pub killed: Vec<String>,
+    /// How often each service was started again, of those that were.
+    pub restarts: BTreeMap<String, u32>,
+    /// Services that were given up while the others went on, and why.
+    pub given_up: Vec<String>,
+}
+
+/// Which services read which topic, by the roles in the graph.
+#[must_use]
+pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
+    let mut consumers: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for (name, service) in services {
+        let inputs = match service.kind {
+            ServiceKind::Sensor => &[][..],
+            ServiceKind::Odometry => echogrid_odometry::INPUTS,
+            ServiceKind::Localizer => echogrid_localizer::INPUTS,
+            ServiceKind::Mapper => echogrid_mapper::INPUTS,
+            ServiceKind::Publisher => echogrid_publisher::INPUTS,
+        };
+        for topic in inputs {
+            consumers.entry(topic.name().into()).or_default().push(name.clone());
+        }
+    }
+    consumers
+}
+
+impl Outcome {
+    /// The error that the run ended with, if it did.
+    ///
+    /// # Errors
+    /// One clear error: the cause, and who had to be killed.
+    pub fn check(&self) -> Result<()> {
+        if self.failures.is_empty() && self.killed.is_empty() {
+            return Ok(());
+        }
+        let killed = if self.killed.is_empty() {
+            String::new()
+        } else {
+            format!(" (would not leave and was killed: {})", self.killed.join(", "))
+        };
+        match self.failures.first() {
+            Some(cause) => bail!("{cause}{killed}"),
+            None => bail!("the graph did not end in time{killed}"),
+        }
+    }
+}
