@@ -128,6 +128,15 @@ fn useless_stamps_leave_the_order() {
     assert_eq!(usable(&lines.replace("1e9", "-3")).0.stamps, StampQuality::OrderOnly);
 }
 
+/// The survey said that the drive began when the first pose came, not with the scan before it (found by fuzzing).
+#[test]
+fn a_scan_before_the_first_carried_pose_comes_first() {
+    let lines = "SONAR 0.5 1 2 0.1 0 0 9 h 1\nSONAR 0.5 1 2 0.1 0 0 7 8 0 9 h 1\nSONAR 0.5 1 2 0.1 0 0 9 h 1\n";
+    let (survey, events) = usable(lines);
+    assert_eq!((survey.stamps, survey.first_stamp_ns), (StampQuality::OrderOnly, 0));
+    assert_eq!(events.iter().map(LogEvent::stamp_ns).collect::<Vec<_>>(), [0, 100_000_000, 100_000_000, 100_000_000]);
+}
+
 #[test]
 fn damage_is_counted_and_the_rest_kept() {
     let mut log = LASER.as_bytes().to_vec();

@@ -351,7 +351,7 @@ fn database(file: &Path, synced: bool) -> Result<Database> {
     let mut builder = Database::builder();
     builder.set_cache_size(CACHE_BYTES);
     Ok(if synced {
-        builder.create_file(open)?
+        builder.create_with_backend(FileBackend::new(open)?)?
     } else {
         builder.create_with_backend(Unsynced(FileBackend::new(open)?))?
     })

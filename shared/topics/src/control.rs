@@ -75,7 +75,8 @@ impl Command {
     }
 
     /// What a request says; its numbers are for whoever carries it out to check.
-    fn of(request: &ControlRequestWire) -> Option<Self> {
+    #[must_use]
+    pub fn of(request: &ControlRequestWire) -> Option<Self> {
         let [a, b, c, d, e] = request.arguments;
         Some(match request.command {
             1 => Self::Save,

@@ -629,7 +629,9 @@ impl TryFrom<&TileWire> for TileUpdate {
     type Error = Fault;
 
     fn try_from(wire: &TileWire) -> Result<Self, Fault> {
-        check(wire.resolution_m.is_finite() && wire.resolution_m > 0.0, "resolution_m", wire.resolution_m, "positive")?;
+        // As in files: of what is beyond no map could be saved.
+        let is_resolution = (1e-6..=1e6).contains(&wire.resolution_m);
+        check(is_resolution, "resolution_m", wire.resolution_m, "metres from 1e-6 to 1e6")?;
         for (field, value) in [("tile_x", wire.tile_x), ("tile_y", wire.tile_y)] {
             check(value.unsigned_abs() <= 1 << 24, field, value, "within ±2^24")?;
         }

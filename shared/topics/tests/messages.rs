@@ -430,6 +430,7 @@ fn tiles_that_cannot_be() {
     check("log_odds", |w| (w.layer, w.log_odds[5]) = (2, -0.1));
     check("resolution_m", |w| w.resolution_m = 0.0);
     check("resolution_m", |w| w.resolution_m = f64::NAN);
+    check("resolution_m", |w| w.resolution_m = 1e300);
     check("tile_x", |w| w.tile_x = (1 << 24) + 1);
     check("tile_y", |w| w.tile_y = i32::MIN);
     check("log_odds", |w| w.log_odds[TILE_CELLS - 1] = f32::NEG_INFINITY);

@@ -19,6 +19,8 @@ pub(crate) struct EventTally<C> {
 struct Track {
     /// Place of the first among all events.
     first: u64,
+    /// Place of the first with a pose.
+    first_pose: Option<u64>,
     lines: u64,
     poses: u64,
     first_ns: Option<u64>,
@@ -61,6 +63,7 @@ impl<C: Copy + Ord> EventTally<C> {
         track.lines += 1;
         if let Some(pose) = odometry {
             track.poses += 1;
+            track.first_pose.get_or_insert(place);
             track.in_line_order.add(pose);
         }
         self.orderer.push(stamp_ns, rank as u8, weight, (class, odometry));
@@ -102,7 +105,8 @@ impl<C: Copy + Ord> EventTally<C> {
             return Summary { stamps, first_stamp_ns: 0, last_stamp_ns: 0, distance_m: 0.0 };
         };
         if stamps == StampQuality::OrderOnly {
-            let begins_with_odometry = tracks().all(|track| track.first >= odometry.first);
+            let begins_with_odometry =
+                odometry.first_pose.is_some_and(|pose| tracks().all(|track| track.first >= pose));
             return Summary {
                 stamps,
                 first_stamp_ns: if begins_with_odometry { ORDER_STEP_NS } else { 0 },

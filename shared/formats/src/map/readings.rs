@@ -198,6 +198,9 @@ fn reading(bytes: &[u8; READING_BYTES]) -> Result<KeptReading, NativeError> {
     if !(0.0..=1.0).contains(&news) {
         return Err(NativeError::value(READINGS, "share that was new", news, "a number from 0 to 1"));
     }
+    if has_echo == 1 && !(range_m > 0.0 && range_m.is_finite()) {
+        return Err(NativeError::value(READINGS, "range", range_m, "metres above 0 where there was an echo"));
+    }
     let echo = if has_echo == 1 { Echo::Hit { range_m } } else { Echo::NoEcho };
     Ok(KeptReading { sequence, reading: Reading { transducer, echo, offset_ns }, pose, deviations, news, verdict })
 }
@@ -266,5 +269,16 @@ mod tests {
         }
         let longer = [&bytes[..], &[0]].concat();
         assert!(decode(&longer).is_err());
+    }
+
+    /// It came back as a reading without an echo (found by fuzzing).
+    #[test]
+    fn an_echo_from_nowhere_is_refused() {
+        for range_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let mut bytes = bytes_of(&document().readings[0]);
+            bytes[16..24].copy_from_slice(&f64::to_le_bytes(range_m));
+            let error = reading(bytes.as_slice().try_into().unwrap()).unwrap_err().to_string();
+            assert!(error.contains("range is") && error.contains("metres above 0"), "{error}");
+        }
     }
 }

@@ -21,7 +21,8 @@ use echogrid_core::world::{Solid, World, WorldParts};
 
 pub use error::WorldFileError;
 
-use crate::map::map_server;
+use crate::map::OccupancyMap;
+use crate::map::map_server::{self, MapYaml};
 pub use crate::text::TextError;
 use crate::text::{TextFileError, read_text};
 
@@ -62,17 +63,21 @@ pub fn read(path: &Path) -> Result<World, WorldFileError> {
     let parts = match ending.as_str() {
         "map" => read_text(path, MAP_BYTES_MAX, mobilesim::parse)?,
         "toml" => read_text(path, PLAN_BYTES_MAX, plan::parse)?,
-        "yaml" | "yml" => image(path)?,
+        "yaml" | "yml" => {
+            let (yaml, map) = map_server::read(path)?;
+            parts_of_map(&yaml, &map)
+        }
         _ => return Err(WorldFileError::ending(path)),
     };
     World::new(parts).map_err(|source| WorldFileError::World { path: path.to_path_buf(), source })
 }
 
-fn image(path: &Path) -> Result<WorldParts, WorldFileError> {
-    let (yaml, map) = map_server::read(path)?;
+/// A map as a world: what is occupied is solid.
+#[must_use]
+pub fn parts_of_map(yaml: &MapYaml, map: &OccupancyMap) -> WorldParts {
     let solid = map.probability.iter().map(|p| f64::from(*p) > OCCUPIED_ABOVE).collect();
     let solid = Solid::new(map.map_from_corner, yaml.resolution_m, map.width, solid);
-    Ok(WorldParts { solid, ..WorldParts::default() })
+    WorldParts { solid, ..WorldParts::default() }
 }
 
 #[cfg(test)]

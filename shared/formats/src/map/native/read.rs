@@ -145,9 +145,7 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
 fn grid_header(content: &[u8]) -> Result<(f64, u64, u64), NativeError> {
     let mut cursor = Cursor::new(content);
     let resolution_m = f64::from_le_bytes(cursor.array("resolution")?);
-    if !(resolution_m.is_finite() && resolution_m > 0.0) {
-        return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
-    }
+    check_resolution(resolution_m)?;
     let tile_count = u64::from_le_bytes(cursor.array("number of tiles")?);
     if tile_count > TILES_MAX {
         return Err(NativeError::value(GRID, "number of tiles", tile_count, "at most 262144"));
@@ -157,6 +155,14 @@ fn grid_header(content: &[u8]) -> Result<(f64, u64, u64), NativeError> {
         return Err(NativeError::value(GRID, "length", content.len(), "24"));
     }
     Ok((resolution_m, tile_count, point_count))
+}
+
+/// Of cells that are larger or smaller nobody could number the places.
+pub(super) fn check_resolution(resolution_m: f64) -> Result<(), NativeError> {
+    if (1e-6..=1e6).contains(&resolution_m) {
+        return Ok(());
+    }
+    Err(NativeError::value(GRID, "resolution", resolution_m, "metres from 1e-6 to 1e6"))
 }
 
 fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError> {
@@ -420,9 +426,22 @@ mod tests {
     fn what_could_not_be_read_back_is_not_written() {
         assert!(encode(&document(&[], &[(0, f64::NAN, 0.0)])).is_err());
         assert!(encode(&document(&[(i32::MAX, 0, 0, vec![])], &[])).is_err());
-        let mut flat = small();
-        flat.grid = Grid::new(0.0);
-        assert!(encode(&flat).is_err());
+        for resolution_m in [0.0, 1e-7, 1e7, f64::NAN, f64::INFINITY] {
+            let flat = MapDocument { grid: Grid::new(resolution_m), ..small() };
+            assert!(encode(&flat).is_err(), "{resolution_m}");
+        }
+    }
+
+    /// Cells so large that whoever looked for walls could not number its steps (found by fuzzing).
+    #[test]
+    fn a_map_of_absurd_resolution_is_refused() {
+        let mut file = encode(&small()).unwrap();
+        // After magic, version, tag and length; the checksum is that of the section.
+        file[24..32].copy_from_slice(&1e300_f64.to_le_bytes());
+        let checksum = crc32fast::hash(&file[12..48]);
+        file[48..52].copy_from_slice(&checksum.to_le_bytes());
+        let error = decode(&file).unwrap_err().to_string();
+        assert!(error.contains("resolution is 1000") && error.contains("metres from 1e-6 to 1e6"), "{error}");
     }
 
     proptest! {

@@ -19,14 +19,12 @@ const LEVEL: Compression = Compression::new(6);
 /// The map as a native file's bytes. The same map gives the same bytes.
 ///
 /// # Errors
-/// When the map holds what could not be read back: a resolution that is no positive number, a path
+/// When the map holds what could not be read back: a resolution beyond 1e-6 and 1e6 m, a path
 /// point that is not finite, a tile beyond 2²⁴, or more than [`TILES_MAX`] tiles.
 pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
     let MapDocument { grid, doubt, path, provenance } = document;
     let resolution_m = grid.resolution_m();
-    if !(resolution_m.is_finite() && resolution_m > 0.0) {
-        return Err(NativeError::value(GRID, "resolution", resolution_m, "a positive number of metres"));
-    }
+    super::read::check_resolution(resolution_m)?;
     let tile_count = tile_count(GRID, grid)?;
     let mut file = MAGIC.to_vec();
     let version = if doubt.is_some() { VERSION } else { PLAIN_VERSION };

@@ -1,0 +1,89 @@
+//! Any kept readings that are asked why a cell is what it is: what is written is read again, and there is an answer.
+#![no_main]
+
+use echogrid_core::config::Fusion;
+use echogrid_core::kept::KeptReading;
+use echogrid_core::sensor_model::Deviations;
+use echogrid_core::why::why;
+use echogrid_core::{Echo, MapperConfig, Pose2, Reading, Robot, Sensor, SensorKind, Verdict};
+use echogrid_formats::map::readings::{ReadingsDocument, decode, encode};
+use libfuzzer_sys::fuzz_target;
+
+struct Numbers<'a> {
+    bytes: &'a [u8],
+    any: bool,
+}
+
+impl Numbers<'_> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (first, rest) = self.bytes.split_first_chunk()?;
+        self.bytes = rest;
+        Some(*first)
+    }
+
+    /// Any at all, or hundredths, of which more make sense.
+    fn next(&mut self) -> Option<f64> {
+        if self.any { self.take().map(f64::from_le_bytes) } else { self.hundredths() }
+    }
+
+    fn hundredths(&mut self) -> Option<f64> {
+        self.take().map(|two| f64::from(i16::from_le_bytes(two)) / 100.0)
+    }
+
+    fn reading(&mut self, sequence: u64) -> Option<KeptReading> {
+        let [what, transducer, code] = self.take()?;
+        self.any = what & 2 != 0;
+        let range_m = self.hundredths()?;
+        let echo = if what & 1 == 0 && range_m > 0.0 { Echo::Hit { range_m } } else { Echo::NoEcho };
+        Some(KeptReading {
+            sequence,
+            reading: Reading { transducer: u16::from(transducer), echo, offset_ns: i32::from(what) },
+            pose: Pose2 { x: self.next()?, y: self.next()?, theta: self.next()? },
+            deviations: Deviations { sigma_z_m: self.next()?, sigma_theta_rad: self.next()?, trust: self.next()? },
+            news: self.next()?,
+            verdict: Verdict::from_code(code % 16)?,
+        })
+    }
+}
+
+/// Two sonars and a lidar of three beams.
+fn robot() -> Robot {
+    let sensor = |kind, first_transducer, transducers, aperture_rad| Sensor {
+        kind,
+        base_from_sensor: Pose2::new(0.1, 0.0, 0.5),
+        first_transducer,
+        transducers,
+        first_bearing_rad: 0.0,
+        bearing_step_rad: 0.1,
+        aperture_rad,
+        range_min_m: 0.1,
+        range_max_m: 30.0,
+        range_error_ratio: 0.01,
+    };
+    Robot {
+        sensors: vec![
+            sensor(SensorKind::Sonar, 0, 1, 0.5),
+            sensor(SensorKind::Sonar, 1, 1, 0.5),
+            sensor(SensorKind::Lidar, 2, 3, 0.01),
+        ],
+        ..Robot::default()
+    }
+}
+
+fuzz_target!(|bytes: &[u8]| {
+    let Some((first, bytes)) = bytes.split_first() else { return };
+    let fusion = [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho][usize::from(first % 4)];
+    // A cell is so large that absurd ranges cost no minutes.
+    let mapper = MapperConfig { resolution_m: 1.0, fusion, ..MapperConfig::default() };
+    let mut numbers = Numbers { bytes, any: first & 4 != 0 };
+    let Some(at) = numbers.next().zip(numbers.next()).map(|(x, y)| [x, y]) else { return };
+    let readings = (1..).map_while(|sequence| numbers.reading(sequence)).collect();
+    let document = ReadingsDocument { mapper, robot: robot(), scans: Vec::new(), given_up: 0, readings };
+    let file = encode(&document).expect("it can be written");
+    // What can't be is refused.
+    let Ok(document) = decode(&file) else { return };
+    assert_eq!(encode(&document), Ok(file));
+    let answer = why(&document.mapper, &document.robot, &document.readings, at).expect("its configuration is one");
+    assert!(answer.log_odds.is_none_or(|log_odds| log_odds.abs() <= 8.0));
+    assert!(answer.said.iter().all(|said| said.added.is_finite()));
+});
