@@ -252,6 +252,9 @@ pub enum Command {
         #[arg(long = "set", value_name = "KEY=VALUE")]
         sets: Vec<String>,
     },
+    /// Shows what goes through the topics of a running graph; it disturbs nobody.
+    #[command(subcommand)]
+    Topic(TopicCommand),
     /// Cleans up after the dead of a domain (the launcher's helper).
     #[command(hide = true)]
     Janitor,
@@ -262,6 +265,51 @@ pub enum Command {
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
+    },
+}
+
+/// What is shown of the topics.
+#[derive(Debug, Subcommand)]
+pub enum TopicCommand {
+    /// The topics, what each promises, who writes it and who reads it.
+    List {
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+        /// Prints them as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints messages as they come, those first that are kept for whoever comes late.
+    Echo {
+        /// The topic, as in map/info.
+        name: String,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+        /// Ends after so many [default: with the graph].
+        #[arg(long, value_name = "N")]
+        count: Option<u64>,
+        /// Prints each as JSON, all of it, in a line of its own.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Prints how many messages come in a second.
+    Hz {
+        /// The topic, as in odometry/raw.
+        name: String,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+        /// Ends after so many lines [default: with the graph].
+        #[arg(long, value_name = "N")]
+        count: Option<u64>,
+        /// Seconds that a line is about.
+        #[arg(long, value_name = "SECONDS", default_value_t = 1.0, value_parser = window)]
+        window: f64,
+        /// Prints each line as JSON.
+        #[arg(long)]
+        json: bool,
     },
 }
 
@@ -416,6 +464,11 @@ fn angle(text: &str) -> Result<f64, String> {
 fn reach(text: &str) -> Result<f64, String> {
     let metres = text.trim().parse::<f64>().ok().filter(|metres| (0.001..=10.0).contains(metres));
     metres.ok_or_else(|| "expected metres, from 0.001 to 10".to_owned())
+}
+
+fn window(text: &str) -> Result<f64, String> {
+    let good = text.parse().ok().filter(|seconds: &f64| (0.1..=3600.0).contains(seconds));
+    good.ok_or_else(|| "expected seconds, 0.1 to 3600".to_owned())
 }
 
 /// Metres, 0 or more.

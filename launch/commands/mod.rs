@@ -12,6 +12,7 @@ mod score;
 mod service;
 mod spool;
 mod talk;
+mod topic;
 mod walls;
 mod why;
 
@@ -77,6 +78,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Evaluate { worlds, seeds, logs, workload, out, learn, json, sets }) => {
             evaluate::run(&evaluate::Request { worlds, seeds, logs, workload, out, learn, json, sets })
         }
+        Some(Command::Topic(command)) => topic::run(&command),
         Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain }) => return service::run(&name, domain),

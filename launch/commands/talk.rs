@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_core::{Fix, Pose2};
 use echogrid_formats::map::MapFormat;
 use echogrid_service::Plan;
-use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Message, Participant, Received, ServiceState, Topic};
+use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Message, Participant, Received, Topic};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::config::{self, ServiceKind};
@@ -51,7 +51,7 @@ pub(super) fn saved_map(domain: Option<&str>) -> Result<PathBuf> {
 }
 
 /// A running graph, `name` as a participant of it, and its configuration.
-fn running(domain: Option<&str>, name: &str) -> Result<(Domain, Participant, config::Config)> {
+pub(super) fn running(domain: Option<&str>, name: &str) -> Result<(Domain, Participant, config::Config)> {
     let domain = choose(domain)?;
     let participant = Participant::join(&domain, name)?;
     let config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
@@ -108,14 +108,7 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
         text += &match heard.get(name) {
             None => format!("{name:<10} not heard of within {} s\n", HEARD_WITHIN.as_secs()),
             Some(health) => {
-                let state = match health.state {
-                    ServiceState::Starting => "starting",
-                    ServiceState::Running => "running",
-                    ServiceState::Draining => "draining",
-                    ServiceState::Finished => "finished",
-                    ServiceState::Failed => "failed",
-                    ServiceState::Gone => "gone",
-                };
+                let state = super::topic::state(health.state);
                 let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
                 let Health { pid, progress, faults, lost, .. } = health;
                 format!("{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost\n")

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 
 use crate::support::{ECHOGRID, echogrid, path, said};

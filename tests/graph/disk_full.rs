@@ -1,21 +1,18 @@
 //! A disk that is full when a map is saved: the map that was there is there still, and the next save succeeds when there is room.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write as _;
 use std::path::Path;
 
 use echogrid::config::{Config, LoadRequest};
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
+use echogrid_harness::disk::{PAGE, empty, fill};
 use echogrid_formats::map::{Provenance, native};
 use echogrid_publisher::PublisherService;
 use echogrid_service::{Outbox, Service};
 use echogrid_topics::Command;
-use nix::sys::statvfs::statvfs;
 
 use crate::support::{Drive, ECHOGRID, echogrid, folder_in_a_namespace, in_a_namespace, said};
 
-/// What tmpfs gives room by.
-const PAGE: u64 = 4096;
 /// A disk, and shared memory apart from that of other tests.
 const MOUNT: &str = "mount -t tmpfs -o size=4m tmpfs \"$1\" && mount -t tmpfs -o size=256m tmpfs /dev/shm";
 
@@ -33,18 +30,6 @@ const FRAMED: [&str; 4] = ["map.pgm", "map.yaml", "map.npy", "doubt.npy"];
 fn files(folder: &Path) -> Files {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries.map(|entry| (entry.file_name().into_string().unwrap(), std::fs::read(entry.path()).unwrap())).collect()
-}
-
-/// Fills the disk until so many bytes are free.
-fn fill(disk: &Path, free_bytes: u64) {
-    let ballast = disk.join("ballast");
-    let _ = std::fs::remove_file(&ballast);
-    let free = || statvfs(disk).map(|stat| stat.blocks_available() * stat.fragment_size()).unwrap();
-    let mut file = std::fs::File::create(&ballast).unwrap();
-    let full = free().saturating_sub(free_bytes) / PAGE * PAGE;
-    file.write_all(&vec![7; full as usize]).unwrap();
-    drop(file);
-    assert_eq!(free(), free_bytes / PAGE * PAGE);
 }
 
 /// A publisher with the map of a drive in it, saving all that there is to save.
@@ -189,7 +174,7 @@ fn a_graph_on_a_small_disk() {
     assert!(files(&out)[READINGS] == readings[READINGS]);
     native::read(&out.join("map.echogrid")).unwrap();
     // Its services live on, and save as soon as there is room.
-    std::fs::remove_file(disk.join("ballast")).unwrap();
+    empty(&disk);
     let saved = save("small");
     assert!(saved.status.success(), "{}", said(&saved));
     native::read(&out.join("map.echogrid")).unwrap();

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Output};
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 use nix::unistd::Uid;
 use serde_json::Value;

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use echogrid::config::{Config, LoadRequest};
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_formats::localization::ReferencePath;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;

@@ -3,7 +3,7 @@
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_topics::Domain;
 use nix::sys::signal::Signal;
 

@@ -5,7 +5,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::Path;
 use std::process::{Command, Output};
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;
 use nix::unistd::Uid;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use echogrid::testing::{Ended, GraphProcess};
+use echogrid_harness::{Ended, GraphProcess};
 use echogrid_core::log_odds::probability_of;
 use echogrid_formats::map::native;
 use serde_json::Value;

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
 use echogrid_replay::{Replay, config::ReplayConfig};
 use echogrid_service::conformance;

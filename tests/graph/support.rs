@@ -10,6 +10,9 @@ use echogrid_formats::map::Provenance;
 use echogrid_publisher::PublisherService;
 use tempfile::TempDir;
 
+pub(crate) use echogrid_harness::namespace::{folder_in_a_namespace, in_a_namespace, mount_shared_memory};
+pub(crate) use echogrid_harness::said;
+
 use crate::drive;
 
 /// The program under test.
@@ -71,60 +74,10 @@ pub(crate) fn echogrid<S: AsRef<std::ffi::OsStr>>(arguments: impl IntoIterator<I
     Command::new(ECHOGRID).args(arguments).output().unwrap()
 }
 
-/// What a program said, for a failed test.
-pub(crate) fn said(output: &Output) -> String {
-    format!(
-        "{}\n--- stdout\n{}\n--- stderr\n{}",
-        output.status,
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    )
-}
-
 /// The summary of `--json`.
 pub(crate) fn summary(output: &Output) -> serde_json::Value {
     assert!(output.status.success(), "{}", said(output));
     serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}\n{}", said(output)))
-}
-
-/// Where a test that runs in a namespace finds its folder.
-const FOLDER: &str = "ECHOGRID_TEST_FOLDER";
-
-/// Runs the ignored test `name` of this program in a mount namespace of its own, after the command `mount`, which finds `folder` as
-/// `$1`; where the machine allows no namespace that is said.
-pub(crate) fn in_a_namespace(name: &str, mount: &str, folder: &Path) {
-    let unshare = |flags: &[&str]| {
-        let mut command = Command::new("unshare");
-        command.args(flags);
-        command
-    };
-    let allowed = [&["--mount"][..], &["--mount", "--map-root-user"]].into_iter().find(|flags| {
-        let mut command = unshare(flags);
-        command.args(["sh", "-c", "mount -t tmpfs tmpfs \"$1\"", "sh"]).arg(folder);
-        command.output().is_ok_and(|output| output.status.success())
-    });
-    let Some(flags) = allowed else {
-        let _ = writeln!(std::io::stderr(), "skipped: no mount namespace here (unshare --mount)");
-        return;
-    };
-    let script = format!("{mount} && exec \"$2\" {name} --exact --ignored --nocapture");
-    let mut command = unshare(flags);
-    command.args(["sh", "-c", &script, "sh"]).arg(folder).arg(std::env::current_exe().unwrap()).env(FOLDER, folder);
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
-    let passed = String::from_utf8_lossy(&output.stdout).contains("1 passed");
-    assert!(passed, "no test {name}: {}", said(&output));
-}
-
-/// In a namespace, puts another shared memory in place of the one there was. (In that of a user, none can be remounted.)
-pub(crate) fn mount_shared_memory(options: &str) {
-    let mount = Command::new("mount").args(["-t", "tmpfs", "-o", options, "tmpfs", "/dev/shm"]).status();
-    assert!(mount.unwrap().success(), "{options}");
-}
-
-/// The folder of a test that runs in a namespace; none where it does not, and has nothing to do.
-pub(crate) fn folder_in_a_namespace() -> Option<PathBuf> {
-    std::env::var_os(FOLDER).map(PathBuf::from)
 }
 
 /// Logs of others, where there are any.

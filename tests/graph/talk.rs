@@ -1,6 +1,6 @@
 //! Talking to a running graph.
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;
 

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use echogrid::testing::GraphProcess;
+use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
 use nix::sys::signal::Signal;
 use serde_json::Value;

@@ -1,0 +1,71 @@
+//! Sensors that keep to no rule of the process loop: they write to the topics with their own hands.
+
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Result;
+use echogrid_service::runtime::Runtime;
+use echogrid_topics::{Input, Message, Output, Participant, Received, ServiceState, Topic};
+
+use super::walk::{OUTPUTS, odometry, robot, scan};
+
+/// Something always ends a wait earlier.
+const LONG: Duration = Duration::from_secs(1);
+
+/// Is there, and says nothing until it is asked to leave.
+pub(super) fn silent() -> Result<ExitCode> {
+    let mut runtime = Runtime::enter("fault", &[], OUTPUTS)?;
+    runtime.set_state(ServiceState::Running)?;
+    while runtime.stop().is_none() {
+        runtime.attend(LONG)?;
+    }
+    runtime.leave()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Sends `steps` poses and scans without looking whether there is room, in the run that many epochs `off`.
+pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
+    let mut runtime = Runtime::enter("fault", &[], &[])?;
+    let plan = runtime.plan().clone();
+    let participant = Participant::join(&super::domain()?, "fault")?;
+    let open = |topic: &Topic| {
+        Output::open(&participant, *topic, plan.max_readings, plan.epoch + off, plan.consumers_of(*topic))
+    };
+    let mut outputs = OUTPUTS.iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    let mut health = Input::open(&participant, Topic::Health)?;
+    runtime.set_state(ServiceState::Running)?;
+    while runtime.stop().is_none() && !outputs.iter().all(Output::is_met) {
+        hear(&mut runtime, &mut health, &mut outputs)?;
+    }
+    outputs[0].send(0, &Message::Robot(robot()))?;
+    outputs[0].ring()?;
+    for step in 1..=steps {
+        for ((stamp_ns, message), output) in [odometry(step), scan(step)].into_iter().zip(&mut outputs[1..]) {
+            output.send(stamp_ns, &message)?;
+        }
+    }
+    for output in &mut outputs[1..] {
+        output.end(steps)?;
+        output.ring()?;
+    }
+    // Nobody will ever say that a stream of another run has been read.
+    while off == 0 && runtime.stop().is_none() && !outputs[1..].iter().all(Output::is_drained) {
+        hear(&mut runtime, &mut health, &mut outputs)?;
+    }
+    runtime.finish()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn hear(runtime: &mut Runtime, health: &mut Input, outputs: &mut [Output]) -> Result<()> {
+    runtime.attend(LONG)?;
+    health.hush()?;
+    while let Some(received) = health.receive()? {
+        if let Received::Message(_, Message::Health(health)) = received {
+            outputs.iter_mut().for_each(|output| {
+                output.note(&health);
+            });
+        }
+    }
+    // Who came late is to hear what the robot looks like.
+    Ok(outputs.iter_mut().try_for_each(Output::welcome)?)
+}

@@ -1,0 +1,79 @@
+//! The ways to misbehave.
+
+/// What `echogrid-fault` does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// All is as it should be: for comparison.
+    Good,
+    /// Aborts before it enters the graph.
+    AlwaysCrash,
+    /// Aborts after so many messages, in each of its lives.
+    CrashLate,
+    /// Never enters the graph.
+    HangBeforeReady,
+    /// Hangs after so many messages.
+    HangAfterReady,
+    /// Goes on when it is asked to end.
+    IgnoresSigterm,
+    /// A sensor that is ready, and lives, and never says a word.
+    Silent,
+    /// A sensor that sends as many messages as it is told to, whether anybody keeps up or not.
+    Flooding,
+    /// A sensor that numbers its streams as those of another run.
+    WrongEpoch,
+    /// Between the messages of a good sensor: poses that are none, that are beyond the moon, or of the past.
+    Garbage,
+    /// A reader that takes a message every 50 ms.
+    Slow,
+    /// No service of the graph: writes garbage into the topic that it is told.
+    GarbageOn,
+    /// No service of the graph: reads the topic that it is told, a message every 50 ms.
+    SlowReader,
+}
+
+impl Mode {
+    /// All of them.
+    pub const ALL: [Self; 13] = [
+        Self::Good,
+        Self::AlwaysCrash,
+        Self::CrashLate,
+        Self::HangBeforeReady,
+        Self::HangAfterReady,
+        Self::IgnoresSigterm,
+        Self::Silent,
+        Self::Flooding,
+        Self::WrongEpoch,
+        Self::Garbage,
+        Self::Slow,
+        Self::GarbageOn,
+        Self::SlowReader,
+    ];
+
+    /// As it is written.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::AlwaysCrash => "always-crash",
+            Self::CrashLate => "crash-late",
+            Self::HangBeforeReady => "hang-before-ready",
+            Self::HangAfterReady => "hang-after-ready",
+            Self::IgnoresSigterm => "ignores-sigterm",
+            Self::Silent => "silent",
+            Self::Flooding => "flooding",
+            Self::WrongEpoch => "wrong-epoch",
+            Self::Garbage => "garbage",
+            Self::Slow => "slow",
+            Self::GarbageOn => "garbage-on",
+            Self::SlowReader => "slow-reader",
+        }
+    }
+
+    pub(super) fn of(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|mode| mode.word() == word)
+    }
+
+    pub(super) fn words() -> String {
+        Self::ALL.map(Self::word).join(", ")
+    }
+}
