@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use echogrid_harness::{Ended, GraphProcess};
+use echogrid_harness::{Ended, GraphProcess, example};
 use echogrid_core::log_odds::probability_of;
 use echogrid_formats::map::native;
 use serde_json::Value;
@@ -12,14 +12,6 @@ use crate::support::{ECHOGRID, path};
 
 /// Exact odometry, as the walk has it.
 const NO_ERROR: [&str; 5] = ["systematic=\"off\"", "k_ll=0", "k_lt=0", "k_tt=0", "k_tl=0"];
-
-/// An example of this package, which cargo builds with the tests.
-fn example(name: &str) -> PathBuf {
-    let tests = std::env::current_exe().unwrap();
-    let path = tests.ancestors().nth(2).unwrap().join("examples").join(name);
-    assert!(path.exists(), "{} is not there: cargo build --examples", path.display());
-    path
-}
 
 /// A graph with a sensor of the examples in it.
 struct Walk {

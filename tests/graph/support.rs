@@ -36,6 +36,13 @@ impl Drive {
         drive
     }
 
+    /// The same drive in a folder of its own.
+    pub(crate) fn of(other: &Self) -> Self {
+        let drive = Self { folder: tempfile::tempdir().unwrap() };
+        std::fs::copy(other.log(), drive.log()).unwrap();
+        drive
+    }
+
     pub(crate) fn log(&self) -> PathBuf {
         self.folder.path().join("drive.log")
     }

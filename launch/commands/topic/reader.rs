@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Input, Participant, Received, Topic};
+use echogrid_service::Plan;
+use echogrid_topics::{Health, Input, Message, Output, Participant, Received, ServiceState, Topic};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
@@ -35,6 +36,8 @@ pub(super) struct Reader {
     plan: PathBuf,
     /// Another one: the graph was made anew, and this memory is nobody's any more.
     inode: u64,
+    // What it said would go with it.
+    _greeting: Output,
     // Last: ports go before the process leaves the domain.
     _participant: Participant,
 }
@@ -47,7 +50,8 @@ impl Reader {
         let plan = domain.dir().join("plan.toml");
         let inode = std::fs::metadata(&plan).context("looking for the graph")?.ino();
         let port = Input::open(&participant, topic)?;
-        Ok(Self { port, signals, plan, inode, _participant: participant })
+        let greeting = greet(&participant, &Plan::read(&domain)?)?;
+        Ok(Self { port, signals, plan, inode, _greeting: greeting, _participant: participant })
     }
 
     /// Messages that were not read in time.
@@ -90,4 +94,25 @@ impl Reader {
             Err(errno) => Err(errno).context("waiting for messages"),
         }
     }
+}
+
+/// Says that somebody came: producers then hand over what they keep for that, which they would else do when they next have
+/// something to say.
+fn greet(participant: &Participant, plan: &Plan) -> Result<Output> {
+    let mut greeting = Output::open(participant, Topic::Health, plan.max_readings, plan.epoch, &[])?;
+    let health = Health {
+        service: "echogrid topic".into(),
+        pid: std::process::id(),
+        state: ServiceState::Running,
+        progress: 0,
+        total: 0,
+        stamp_ns: 0,
+        faults: 0,
+        lost: 0,
+        acks: Vec::new(),
+        last_error: String::new(),
+    };
+    greeting.send(0, &Message::Health(health))?;
+    greeting.ring()?;
+    Ok(greeting)
 }

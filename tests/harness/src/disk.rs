@@ -26,6 +26,17 @@ pub fn fill(folder: &Path, free_bytes: u64) {
     assert_eq!(free(), free_bytes / PAGE * PAGE);
 }
 
+/// Fills it to the last byte while others write to it, too.
+///
+/// # Panics
+/// It has no end.
+#[allow(clippy::expect_used)] // a test that can't be set up has failed
+pub fn fill_up(folder: &Path) {
+    let mut file = std::fs::File::create(folder.join(BALLAST)).expect("the ballast can be made");
+    let full = (0..1 << 20).find_map(|_| file.write_all(&[7; PAGE as usize]).err());
+    assert_eq!(full.expect("a small disk").kind(), std::io::ErrorKind::StorageFull);
+}
+
 /// Gives the room back.
 pub fn empty(folder: &Path) {
     let _ = std::fs::remove_file(folder.join(BALLAST));

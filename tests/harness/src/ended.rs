@@ -1,7 +1,6 @@
 //! A graph that has ended.
 
 use std::process::ExitStatus;
-use std::time::Duration;
 
 use echogrid_topics::Domain;
 use serde_json::Value;
@@ -79,8 +78,6 @@ impl Ended {
     /// Everything of the graph that is still there: processes, and files in shared memory.
     #[must_use]
     pub fn leftovers(&self) -> Vec<String> {
-        let mut left = leftovers::survivors_after(&self.kept.domain, Duration::ZERO);
-        left.extend(leftovers::files(&self.kept.domain));
-        left
+        leftovers::leftovers(&self.kept.domain)
     }
 }

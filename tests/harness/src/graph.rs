@@ -144,14 +144,14 @@ impl GraphProcess {
         self.wait_for(" started (process ");
         let deadline = Instant::now() + PATIENCE;
         while !condition(&self.view) {
-            assert!(Instant::now() < deadline, "not in time: {what}; last: {:?}", self.view);
+            assert!(Instant::now() < deadline, "not in time: {what}; last: {}", self.view);
             let health = self.health.get_or_insert_with(|| TopicReader::start(&self.program, &self.kept.domain, "health"));
             match health.next_within(LOOK_EVERY) {
                 Ok(message) => self.view.note(&message),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => {
                     let ended = self.child.try_wait().map_or(true, |status| status.is_some());
-                    assert!(!ended, "ended before: {what}; last: {:?}", self.view);
+                    assert!(!ended, "ended before: {what}; last: {}", self.view);
                     // It was made anew, or the reader came too early.
                     self.health = None;
                 }

@@ -31,6 +31,14 @@ pub fn files(domain: &Domain) -> Vec<String> {
     files
 }
 
+/// Everything of a domain that is there: processes, and files in shared memory.
+#[must_use]
+pub fn leftovers(domain: &Domain) -> Vec<String> {
+    let mut left = survivors_after(domain, Duration::ZERO);
+    left.extend(files(domain));
+    left
+}
+
 /// Waits until no process of a domain is left, at most for `patience`; those that are, else.
 pub(crate) fn survivors_after(domain: &Domain, patience: Duration) -> Vec<String> {
     let deadline = Instant::now() + patience;

@@ -38,7 +38,7 @@ mod view;
 
 pub use ended::Ended;
 pub use graph::GraphProcess;
-pub use leftovers::files;
+pub use leftovers::{files, leftovers};
 pub use program::{echogrid, example, fault_program, said};
 pub use stranger::Stranger;
 pub use topic::TopicReader;

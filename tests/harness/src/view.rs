@@ -1,6 +1,7 @@
 //! What the services of a graph say of themselves.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde_json::Value;
 
@@ -57,5 +58,15 @@ impl View {
     #[must_use]
     pub fn pid(&self, service: &str) -> u64 {
         self.number(service, "pid")
+    }
+}
+
+impl fmt::Display for View {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for name in self.services.keys() {
+            let (state, progress) = (self.state(name), self.progress(name));
+            write!(f, "{name} {state}, {progress} messages, {} faulty, {} lost; ", self.faults(name), self.lost(name))?;
+        }
+        Ok(())
     }
 }

@@ -45,7 +45,7 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
         }
     }
     for output in &mut outputs[1..] {
-        output.end(steps)?;
+        output.end(odometry(steps).0)?;
         output.ring()?;
     }
     // Nobody will ever say that a stream of another run has been read.

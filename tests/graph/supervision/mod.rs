@@ -1,0 +1,10 @@
+//! Services that die, hang, talk nonsense or dawdle: what the launcher says and does, and what becomes of the map.
+
+mod full_memory;
+mod given_up;
+mod graph_file;
+mod limits;
+mod sensors;
+mod stopped;
+mod strangers;
+mod twenty;
