@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use echogrid::config::{Config, LoadRequest};
+use echogrid_formats::map::{Provenance, native};
 use echogrid_harness::GraphProcess;
 use echogrid_harness::disk::{PAGE, empty, fill};
-use echogrid_formats::map::{Provenance, native};
 use echogrid_publisher::PublisherService;
 use echogrid_service::{Outbox, Service};
 use echogrid_topics::Command;

@@ -4,6 +4,22 @@ use echogrid_harness::{GraphProcess, leftovers};
 
 use crate::support::{Drive, ECHOGRID};
 
+/// As the README has it.
+#[test]
+fn a_dead_mapper_costs_nothing() {
+    let drive = Drive::new(6.0);
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "5", "--json"]));
+    graph.wait_for_progress("mapper", 50);
+    graph.kill("mapper");
+    graph.wait_for("mapper died (killed by signal 9 (SIGKILL)): restart 1");
+    graph.wait_until("all is well", |graph| graph.state("mapper") == "running" && graph.faults("mapper") == 0);
+    graph.topic("map/info").wait_until("20 scans are in the map", |info| info["message"]["scans"].as_u64() > Some(20));
+    let ended = graph.wait();
+    let summary = ended.summary();
+    assert_eq!((&summary["restarts"]["mapper"], &summary["lost_messages"]), (&1.into(), &0.into()));
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
+}
+
 #[test]
 fn a_test_that_fails_leaves_nothing() {
     let drive = Drive::new(6.0);

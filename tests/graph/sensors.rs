@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use echogrid_harness::{Ended, GraphProcess, example};
 use echogrid_core::log_odds::probability_of;
 use echogrid_formats::map::native;
+use echogrid_harness::{Ended, GraphProcess, example};
 use serde_json::Value;
 use tempfile::TempDir;
 

@@ -59,7 +59,11 @@ fn brief_tile(tile: &TileUpdate) -> Value {
 
 fn map_info(info: &MapInfo) -> Value {
     let verdicts = |counts: &VerdictCounts| -> Value {
-        counts.iter().map(|(verdict, count)| (verdict.name().to_owned(), json!(count))).collect::<serde_json::Map<_, _>>().into()
+        counts
+            .iter()
+            .map(|(verdict, count)| (verdict.name().to_owned(), json!(count)))
+            .collect::<serde_json::Map<_, _>>()
+            .into()
     };
     json!({
         "revision": info.revision,

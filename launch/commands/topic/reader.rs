@@ -6,8 +6,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use echogrid_service::signals::Signals;
 use echogrid_service::Plan;
+use echogrid_service::signals::Signals;
 use echogrid_topics::{Health, Input, Message, Output, Participant, Received, ServiceState, Topic};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};

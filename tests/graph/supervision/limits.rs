@@ -36,7 +36,10 @@ fn a_service_gets_no_more_than_it_may_use_even_in_its_next_life() {
         assert_eq!(limits(pid, "Max address space"), [(4096_u64 << 20).to_string(), (4096_u64 << 20).to_string()]);
         assert_eq!(niceness(pid), 5, "life {life}");
         let mapper = graph.pid_of("mapper");
-        assert_eq!((niceness(mapper), limits(mapper, "Max address space")), (ours, ["unlimited", "unlimited"].map(Into::into)));
+        assert_eq!(
+            (niceness(mapper), limits(mapper, "Max address space")),
+            (ours, ["unlimited", "unlimited"].map(Into::into))
+        );
         graph.kill("publisher");
     }
     let ended = graph.wait();

@@ -1,18 +1,20 @@
 //! Services that are stopped in their tracks.
 
+use echogrid_harness::GraphProcess;
+
 use super::graph_file::{GraphFile, NOTHING};
-use crate::support::Drive;
+use crate::support::{Drive, ECHOGRID};
 
 #[test]
 fn a_service_that_is_stopped_is_found_out_and_replaced_and_the_map_is_the_same() {
-    let drive = Drive::new(10.0);
-    let reference = drive.native_map("reference", &[]);
-    let file = GraphFile::new(&drive, "maps").with("[run]\nrate = 4\nalive_within_s = 2");
-    let mut graph = file.start(&["supervision.backoff_s=0.02"]);
-    for service in ["sensor", "odometry", "mapper", "publisher"] {
-        graph.wait_until("all is well", |graph| {
-            ["sensor", "odometry", "mapper", "publisher"].iter().all(|service| graph.progress(service) > 10)
-        });
+    let drive = Drive::new(12.0);
+    let services = ["sensor", "odometry", "localizer", "mapper", "publisher"];
+    let reference = drive.native_map("reference", &["--fix", "truth"]);
+    let impatient = ["--set", "run.alive_within_s=2", "--set", "supervision.backoff_s=0.02"];
+    let arguments = [&["--fix", "truth", "--rate", "4", "--json"], &impatient[..]].concat();
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &arguments));
+    for service in services {
+        graph.wait_until("all is well", |graph| services.iter().all(|service| graph.progress(service) > 10));
         graph.stop(service);
         graph.wait_for(&format!("{service} died (no sign of life for 2 s: it hangs): restart 1"));
         graph.wait_for_nth(&format!("{service} started (process "), 2);
@@ -21,10 +23,10 @@ fn a_service_that_is_stopped_is_found_out_and_replaced_and_the_map_is_the_same()
     }
     let ended = graph.wait();
     let summary = ended.summary();
-    assert_eq!(ended.restarts(), 4, "{summary}");
+    assert_eq!(ended.restarts(), 5, "{summary}");
     assert_eq!(summary["lost_messages"], 0, "{summary}");
     assert_eq!(ended.leftovers(), NOTHING);
-    assert!(file.map_bytes() == reference, "the map differs");
+    assert!(std::fs::read(drive.out("maps/map.echogrid")).unwrap() == reference, "the map differs");
 }
 
 #[test]

@@ -145,7 +145,8 @@ impl GraphProcess {
         let deadline = Instant::now() + PATIENCE;
         while !condition(&self.view) {
             assert!(Instant::now() < deadline, "not in time: {what}; last: {}", self.view);
-            let health = self.health.get_or_insert_with(|| TopicReader::start(&self.program, &self.kept.domain, "health"));
+            let health =
+                self.health.get_or_insert_with(|| TopicReader::start(&self.program, &self.kept.domain, "health"));
             match health.next_within(LOOK_EVERY) {
                 Ok(message) => self.view.note(&message),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -186,8 +187,9 @@ impl GraphProcess {
         self.wait_for(&started);
         self.heard.extend(self.lines.try_iter());
         let line = self.heard.iter().rfind(|line| line.contains(&started));
-        let number =
-            line.and_then(|line| line.rsplit("(process ").next()).and_then(|rest| rest.trim_end_matches(')').parse().ok());
+        let number = line
+            .and_then(|line| line.rsplit("(process ").next())
+            .and_then(|rest| rest.trim_end_matches(')').parse().ok());
         number.expect("the line ends with the process id")
     }
 
