@@ -1,5 +1,6 @@
 //! Services that die, hang, talk nonsense or dawdle: what the launcher says and does, and what becomes of the map.
 
+mod early;
 mod full_memory;
 mod given_up;
 mod graph_file;

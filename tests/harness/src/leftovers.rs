@@ -10,6 +10,8 @@ use nix::unistd::Pid;
 
 /// A killed process is gone within milliseconds, unless the machine is very busy.
 const GONE_WITHIN: Duration = Duration::from_secs(10);
+/// Looking whether a domain is dead takes no longer, on a very busy machine.
+const GLANCES_END_WITHIN: Duration = Duration::from_secs(5);
 
 /// Files of a domain in shared memory.
 #[must_use]
@@ -34,9 +36,17 @@ pub fn files(domain: &Domain) -> Vec<String> {
 /// Everything of a domain that is there: processes, and files in shared memory.
 #[must_use]
 pub fn leftovers(domain: &Domain) -> Vec<String> {
-    let mut left = survivors_after(domain, Duration::ZERO);
-    left.extend(files(domain));
-    left
+    let deadline = Instant::now() + GLANCES_END_WITHIN;
+    loop {
+        let mut left = survivors_after(domain, Duration::ZERO);
+        left.extend(files(domain));
+        let is_lock = |file: &String| file.ends_with(".owner") || file.ends_with(".members");
+        if left.is_empty() || !left.iter().all(is_lock) || Instant::now() >= deadline {
+            return left;
+        }
+        // Another launcher that starts may have found the domain just before it went, and locks it to sweep it.
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 /// Waits until no process of a domain is left, at most for `patience`; those that are, else.
