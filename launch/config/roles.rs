@@ -67,6 +67,9 @@ fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Pro
         }
         _ => {}
     }
+    if !service.care.required && service.kind != ServiceKind::Publisher {
+        add("required", "false".into(), format!("a graph can't go on without its {}", service.kind));
+    }
     if service.args.iter().any(|argument| argument.contains('\0')) {
         add("args", format!("{:?}", service.args), "an argument has no NUL".to_owned());
     }

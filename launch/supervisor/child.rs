@@ -191,7 +191,9 @@ impl Process {
                 (Some(code), _) => format!("exit code {code}"),
                 (None, Some(signal)) => {
                     let name = Signal::try_from(signal).map_or("unknown", Signal::as_str);
-                    format!("killed by signal {signal} ({name})")
+                    // What iceoryx2 maps is not reserved: memory that is full is found out when it is written.
+                    let hint = if name == "SIGBUS" { ": is /dev/shm full? See echogrid doctor" } else { "" };
+                    format!("killed by signal {signal} ({name}){hint}")
                 }
                 (None, None) => status.to_string(),
             },

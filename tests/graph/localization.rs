@@ -3,9 +3,9 @@
 use std::time::{Duration, Instant};
 
 use echogrid::config::{Config, LoadRequest};
-use echogrid_harness::GraphProcess;
 use echogrid_formats::localization::ReferencePath;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 
 use crate::support::{Drive, ECHOGRID, data, echogrid, native_map_of, path, said, summary};

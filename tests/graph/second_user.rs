@@ -5,8 +5,8 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::path::Path;
 use std::process::{Command, Output};
 
-use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 use nix::unistd::Uid;
 

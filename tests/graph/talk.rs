@@ -1,7 +1,7 @@
 //! Talking to a running graph.
 
-use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 
 use crate::support::{Drive, ECHOGRID, echogrid, said};

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use echogrid_harness::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
