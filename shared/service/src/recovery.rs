@@ -136,7 +136,9 @@ impl Runtime {
             let sink = self.sinks.iter().find(|sink| sink.port.topic() as u32 == topic && sink.port.topic().resumes());
             sink.is_some_and(|sink| sequence <= sink.port.acknowledged())
         };
-        store.spool(self.spooled, &spooled, is_stored).context("spooling what was measured")?;
+        store
+            .spool(self.spooled, &spooled, is_stored)
+            .with_context(|| format!("spooling what was measured in {}", store.file().display()))?;
         self.spooled += 1;
         Ok(())
     }
@@ -253,8 +255,9 @@ impl Runtime {
         let oldest = self.generations.front().map_or(0, |(generation, _)| *generation);
         let Some(store) = &mut self.store else { return Ok(()) };
         let moment = Moment { journal: store.entries(), ..moment };
-        let generation =
-            store.store(&moment, parts.into_changes(), oldest).context("storing the state of this service")?;
+        let generation = store
+            .store(&moment, parts.into_changes(), oldest)
+            .with_context(|| format!("storing the state of this service in {}", store.file().display()))?;
         self.generations.push_back((generation, moment));
         self.stored_at = Instant::now();
         Ok(())

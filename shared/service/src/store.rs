@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::fs::OpenOptions;
 use std::io;
 use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use echogrid_core::{Reading, Robot};
@@ -159,6 +159,7 @@ struct Snapshot {
 /// The store of one service.
 #[derive(Debug)]
 pub struct Store {
+    file: PathBuf,
     database: Database,
     next_generation: u64,
     next_entry: u64,
@@ -197,7 +198,7 @@ impl Store {
         let entries = moments(&read)?.into_values().map(|moment| moment.journal).max().unwrap_or(0);
         let (next_generation, next_entry) = (last(SNAPSHOTS)?, last(JOURNAL)?.max(entries));
         drop(read);
-        Ok(Self { database, next_generation, next_entry, keeps_generations })
+        Ok(Self { file: file.into(), database, next_generation, next_entry, keeps_generations })
     }
 
     /// The moments that there are snapshots of, by generation.
@@ -258,6 +259,12 @@ impl Store {
         write.commit()?;
         self.next_generation += 1;
         Ok(generation)
+    }
+
+    /// Its file.
+    #[must_use]
+    pub fn file(&self) -> &Path {
+        &self.file
     }
 
     /// Entries that were written down so far.
