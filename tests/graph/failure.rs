@@ -2,6 +2,7 @@
 
 use echogrid::testing::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_topics::Domain;
 
 use crate::support::{Drive, ECHOGRID};
 
@@ -24,6 +25,23 @@ fn a_service_that_is_killed_is_started_again_and_the_map_is_the_same() {
         assert!(std::fs::read(drive.out("maps/map.echogrid")).unwrap() == undisturbed, "{service}: another map");
         assert_eq!(ended.leftovers(), Vec::<String>::new(), "{service}");
     }
+}
+
+#[test]
+fn a_graph_whose_shared_memory_is_wedged_is_made_anew_and_the_map_is_the_same() {
+    let drive = Drive::new(20.0);
+    let undisturbed = drive.native_map("undisturbed", &[]);
+    let name = format!("wedged-{}", std::process::id());
+    let mut graph = GraphProcess::start_in(&name, ECHOGRID, drive.map_arguments("maps", &["--rate", "10"]));
+    graph.wait_for("all services ready");
+    // Who cleans up after the dead finds no way in.
+    std::fs::write(Domain::named(&name).unwrap().iceoryx2_config(), "no configuration").unwrap();
+    graph.kill("mapper");
+    graph.wait_for("the graph's shared memory is made anew");
+    let ended = graph.wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert!(std::fs::read(drive.out("maps/map.echogrid")).unwrap() == undisturbed);
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
 }
 
 #[test]
