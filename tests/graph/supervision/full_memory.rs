@@ -22,7 +22,7 @@ fn a_graph_in_a_small_memory() {
     let drive = Drive::new(6.0);
     let reference = drive.native_map("reference", &[]);
     // In pages that nobody has written yet there is no room any more.
-    let dies = "(killed by signal 7 (SIGBUS)): restart 1";
+    let dies = "(killed by signal 7 (SIGBUS): is /dev/shm full? See echogrid doctor): restart 1";
 
     // There is room again before anybody is given up.
     let file = GraphFile::new(&drive, "maps").with("[run]\nrate = 5");
