@@ -44,6 +44,7 @@ fn topics_are_listed_shown_and_measured() {
 
     // An onlooker leaves with the graph, and costs it nothing.
     let mut reader = graph.topic("range/scan");
+    reader.wait_until("it is there", |line| line["sequence"].is_u64());
     graph.signal(Signal::SIGINT);
     reader.wait_until("the stream ends", |line| line["end"] == true);
     let ended = graph.wait();
