@@ -35,6 +35,8 @@ pub(crate) struct Place {
     lives: Vec<(u32, u64)>,
     /// The epoch before this one.
     retired: u64,
+    /// Life of the producer that said something right last; 0: none yet.
+    life: u32,
 }
 
 impl Place {
@@ -48,10 +50,18 @@ impl Place {
         self.stamp_ns
     }
 
-    /// Takes note of a message.
-    pub(crate) fn follow(&mut self, delivery: Delivery, header: &Header) -> Step {
+    /// Takes note of a message; `is_good`: what it says can be.
+    pub(crate) fn follow(&mut self, delivery: Delivery, header: &Header, is_good: bool) -> Step {
         match delivery {
-            Delivery::Lossless => self.follow_run(header),
+            // A stranger that talks nonsense must not use up the number of a message that is still to come.
+            Delivery::Lossless if !is_good && self.life != 0 && header.life != self.life => Step::New,
+            Delivery::Lossless => {
+                let step = self.follow_run(header);
+                if is_good && step == Step::New {
+                    self.life = header.life;
+                }
+                step
+            }
             Delivery::Relayed => self.follow_life(header),
             Delivery::Latest | Delivery::Droppable => {
                 (self.epoch, self.sequence, self.stamp_ns) = (header.epoch, header.sequence, header.stamp_ns);
@@ -141,7 +151,7 @@ mod tests {
     }
 
     fn follow(place: &mut Place, header: &Header) -> Step {
-        place.follow(Delivery::Lossless, header)
+        place.follow(Delivery::Lossless, header, true)
     }
 
     fn is_faulty(step: &Step, field: &str) -> bool {
@@ -164,6 +174,20 @@ mod tests {
     }
 
     #[test]
+    fn nonsense_of_a_stranger_takes_nobodys_place() {
+        let mut place = Place::after(7, 0, 0);
+        assert_eq!(follow(&mut place, &header(1, 1)), Step::New);
+        assert_eq!(place.follow(Delivery::Lossless, &header(2, 2), false), Step::New);
+        assert_eq!((place.sequence, follow(&mut place, &header(1, 2))), (1, Step::New));
+        // Its own nonsense is followed: it waits until that is acknowledged.
+        assert_eq!(place.follow(Delivery::Lossless, &header(1, 3), false), Step::New);
+        // A life that begins with nonsense is followed once it says something right.
+        assert_eq!(place.follow(Delivery::Lossless, &header(3, 4), false), Step::New);
+        assert_eq!((place.sequence, follow(&mut place, &header(3, 5))), (3, Step::New));
+        assert_eq!((place.sequence, place.lost), (5, 1));
+    }
+
+    #[test]
     fn a_producer_that_numbers_anew_is_told() {
         let mut place = Place::after(7, 100, 1000);
         assert_eq!(follow(&mut place, &header(2, 99)), Step::Known);
@@ -173,7 +197,7 @@ mod tests {
     #[test]
     fn a_relayed_stream_begins_anew_with_its_producer() {
         let relayed = |place: &mut Place, epoch, sequence| {
-            place.follow(Delivery::Relayed, &Header { sequence, epoch, ..Header::default() })
+            place.follow(Delivery::Relayed, &Header { sequence, epoch, ..Header::default() }, true)
         };
         let mut place = Place::default();
         assert_eq!(relayed(&mut place, 5, 17), Step::New);

@@ -388,7 +388,8 @@ impl Input {
         while let Some(received) = self.receive_any()? {
             let (Received::Message(header, _) | Received::End(header) | Received::Faulty(header, _)) = &received;
             let header = *header;
-            match self.place.follow(self.topic.delivery(), &header) {
+            let is_good = !matches!(received, Received::Faulty(..));
+            match self.place.follow(self.topic.delivery(), &header, is_good) {
                 Step::New => return Ok(Some(received)),
                 Step::Known => {}
                 Step::Faulty(fault) => return Ok(Some(Received::Faulty(header, fault))),
