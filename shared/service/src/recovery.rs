@@ -56,15 +56,21 @@ impl Runtime {
             self.sinks.iter_mut().filter(|sink| sink.port.topic().resumes()).for_each(|sink| sink.port.resume(0));
             return Ok(());
         };
-        let moments = store.moments()?;
+        let moments = store.moments().with_context(|| store.file().display().to_string())?;
         let had_moments = !moments.is_empty();
         let latest = moments.into_iter().filter(|(_, moment)| moment.is_behind(known)).max_by_key(|(_, m)| m.progress);
-        anyhow::ensure!(latest.is_some() || !had_moments, "no stored state is as old as that of those downstream");
+        anyhow::ensure!(
+            latest.is_some() || !had_moments,
+            "{}: no state stored there is as old as that of those downstream; begin a new run, in another folder",
+            store.file().display()
+        );
         let moment = latest.as_ref().map(|(_, moment)| moment.clone()).unwrap_or_default();
         self.replaying = store.journal(moment.journal)?.into();
         if let Some((generation, _)) = &latest {
             let state = store.state(*generation)?;
-            service.restore(&Saved::from_parts(state)).context("restoring what an earlier process had stored")?;
+            service.restore(&Saved::from_parts(state)).with_context(|| {
+                format!("{}: going on with what an earlier process had stored", store.file().display())
+            })?;
             tracing::info!(
                 messages = moment.progress,
                 orders = self.replaying.len(),
