@@ -381,6 +381,11 @@ static PUBLISHER: Section = Section {
             "a cell of map.pgm is free below this probability; between the two it is unknown",
         ),
         key("draw_path", "true or false", "whether the picture shows where the robot went"),
+        key(
+            "path_points_max",
+            "a whole number from 16 to 10000000",
+            "most points of the path; a longer way has them farther apart",
+        ),
     ],
     probe: probe::<PublisherConfig>,
     defaults: defaults::<PublisherConfig>,

@@ -1,5 +1,7 @@
 //! `[publisher]`: which files are written, and how they look.
 
+use core::ops::RangeInclusive;
+
 use echogrid_core::config::ConfigError;
 use echogrid_formats::map::map_server::{MapMode, Thresholds};
 use echogrid_formats::map::{MapFileOptions, MapFormat};
@@ -19,13 +21,25 @@ pub struct PublisherConfig {
     pub free_thresh: f64,
     /// Whether the picture shows where the robot went.
     pub draw_path: bool,
+    /// Most points of the path; a longer way has them farther apart.
+    pub path_points_max: usize,
 }
+
+/// How many points of the path there can be at most.
+const PATH_POINTS: RangeInclusive<usize> = 16..=10_000_000;
 
 impl Default for PublisherConfig {
     fn default() -> Self {
         let MapFileOptions { formats, mode, thresholds, draw_path } = MapFileOptions::default();
         let Thresholds { occupied, free } = thresholds;
-        Self { formats, pgm_mode: mode, occupied_thresh: occupied, free_thresh: free, draw_path }
+        Self {
+            formats,
+            pgm_mode: mode,
+            occupied_thresh: occupied,
+            free_thresh: free,
+            draw_path,
+            path_points_max: 1 << 16,
+        }
     }
 }
 
@@ -57,6 +71,9 @@ impl PublisherConfig {
                 self.free_thresh.to_string(),
                 "a probability above 0 and below occupied_thresh, by 0.01 at least",
             );
+        }
+        if !PATH_POINTS.contains(&self.path_points_max) {
+            return refuse("path_points_max", self.path_points_max.to_string(), "a whole number from 16 to 10000000");
         }
         Ok(())
     }

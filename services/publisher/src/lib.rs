@@ -1,6 +1,7 @@
 //! The grid for people and other programs: picture and map files, saved at the end of the run.
 
 pub mod config;
+mod path;
 mod sonars;
 
 use std::path::PathBuf;
@@ -9,12 +10,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_core::{Grid, Pose2, Tile, wrap_angle};
+use echogrid_core::{Grid, Tile};
 use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
 
+use crate::path::Path;
 pub use crate::sonars::SONARS_FILE;
 use crate::sonars::SonarSheet;
 
@@ -22,17 +24,6 @@ use crate::sonars::SonarSheet;
 pub const INPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::MapTiles];
 /// What it writes: nothing that a process could read.
 pub const OUTPUTS: &[Topic] = &[];
-
-/// A point joins the path when the robot has moved this far …
-const PATH_STEP_M: f64 = 0.05;
-/// … or turned this far since the one before.
-const PATH_STEP_RAD: f64 = 0.1;
-
-/// Points of the path that are saved as one part.
-const PATH_PART: usize = 1024;
-
-/// A point of the path, saved: stamp, pose, trust.
-type Point = (u64, Pose2, f64);
 
 /// The part of `[run]` that the publisher needs.
 #[derive(Debug, Deserialize)]
@@ -52,12 +43,8 @@ pub struct PublisherService {
     doubt: Option<Grid>,
     /// Empty unless the mapper keeps a map of each sonar.
     sonars: SonarSheet,
-    path: Vec<PathPoint>,
-    /// The latest pose, if it is not on the path yet.
-    latest: Option<PathPoint>,
+    path: Path,
     written: Vec<PathBuf>,
-    /// Parts of the path that are saved and will not change.
-    saved_parts: usize,
 }
 
 impl PublisherService {
@@ -67,19 +54,8 @@ impl PublisherService {
     /// A value is out of range.
     pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
         config.validate().context("[publisher]")?;
-        let sonars = SonarSheet::default();
-        Ok(Self {
-            config,
-            out,
-            provenance,
-            grid: None,
-            doubt: None,
-            sonars,
-            path: Vec::new(),
-            latest: None,
-            written: Vec::new(),
-            saved_parts: 0,
-        })
+        let (sonars, path) = (SonarSheet::default(), Path::new(config.path_points_max));
+        Ok(Self { config, out, provenance, grid: None, doubt: None, sonars, path, written: Vec::new() })
     }
 
     /// From the plan of a run.
@@ -97,35 +73,19 @@ impl PublisherService {
         &self.written
     }
 
-    fn follow(&mut self, stamp_ns: u64, PoseEstimate { estimate, trust, .. }: PoseEstimate) {
-        let point = PathPoint { stamp_ns, pose: estimate.pose, trust };
-        if self.path.last().is_none_or(|last| is_step(last.pose, point.pose)) {
-            self.path.push(point);
-            self.latest = None;
-        } else {
-            self.latest = Some(point);
-        }
-    }
-
     fn save(&mut self) -> Result<()> {
         let Some(grid) = &self.grid else {
             tracing::warn!("no reading reached the map: nothing to save");
             return Ok(());
         };
-        let mut path = self.path.clone();
-        path.extend(self.latest);
-        let document =
-            MapDocument { grid: grid.clone(), doubt: self.doubt.clone(), path, provenance: self.provenance.clone() };
+        let (doubt, path) = (self.doubt.clone(), self.path.points());
+        let document = MapDocument { grid: grid.clone(), doubt, path, provenance: self.provenance.clone() };
         self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
         }
         Ok(())
     }
-}
-
-fn is_step(from: Pose2, to: Pose2) -> bool {
-    from.distance_m(to) >= PATH_STEP_M || wrap_angle(to.theta - from.theta).abs() >= PATH_STEP_RAD
 }
 
 impl Service for PublisherService {
@@ -148,7 +108,9 @@ impl Service for PublisherService {
                     Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
                 }
             }
-            Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => self.follow(stamp_ns, estimate),
+            Input::Message { stamp_ns, message: Message::Estimate(PoseEstimate { estimate, trust, .. }), .. } => {
+                self.path.follow(PathPoint { stamp_ns, pose: estimate.pose, trust });
+            }
             Input::Message { .. } => {}
             Input::Finish => self.save()?,
         }
@@ -157,30 +119,11 @@ impl Service for PublisherService {
 
     /// The path. The map is the mapper's to tell anew.
     fn save(&mut self, parts: &mut Parts) {
-        let whole = self.path.len() / PATH_PART;
-        for part in self.saved_parts..=whole {
-            let points = &self.path[part * PATH_PART..self.path.len().min((part + 1) * PATH_PART)];
-            let points: Vec<Point> = points.iter().map(|point| (point.stamp_ns, point.pose, point.trust)).collect();
-            parts.put_value(format!("path/{part}"), &points);
-        }
-        self.saved_parts = whole;
-        parts.put_value("latest", &self.latest.map(|point| (point.stamp_ns, point.pose, point.trust)));
+        self.path.save(parts);
     }
 
     fn restore(&mut self, saved: &Saved) -> Result<()> {
-        let point = |(stamp_ns, pose, trust): Point| PathPoint { stamp_ns, pose, trust };
-        self.path.clear();
-        while saved.get(&format!("path/{}", self.path.len() / PATH_PART)).is_some() {
-            let points: Vec<Point> = saved.value(&format!("path/{}", self.path.len() / PATH_PART))?;
-            let is_last = points.len() < PATH_PART;
-            self.path.extend(points.into_iter().map(point));
-            if is_last {
-                break;
-            }
-        }
-        self.saved_parts = self.path.len() / PATH_PART;
-        self.latest = saved.value::<Option<Point>>("latest")?.map(point);
-        Ok(())
+        self.path.restore(saved)
     }
 
     fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {
