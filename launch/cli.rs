@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use serde::Serialize;
 
 use crate::config::{Interval, LoadRequest};
 
@@ -245,6 +246,16 @@ pub enum Command {
         /// Learns the parameters of each fusion on these worlds first (and then say others to judge by).
         #[arg(long, value_name = "NAMES", value_delimiter = ',')]
         learn: Vec<String>,
+        /// What learning is for.
+        #[arg(long, value_enum, default_value = "bits")]
+        goal: Goal,
+        /// A way of mapping, as the table names it: only those that are named are judged, and only their fusions learnt; may be
+        /// repeated.
+        #[arg(long = "method", value_name = "NAME")]
+        methods: Vec<String>,
+        /// How often there is a fix, as the table names it: only at those that are named is judged and learnt; may be repeated.
+        #[arg(long = "fix", value_name = "exact|5 m|15 m|never")]
+        fixes: Vec<String>,
         /// Prints the figures as JSON.
         #[arg(long)]
         json: bool,
@@ -490,4 +501,14 @@ mod tests {
         }
         assert!(deviation("0.1").is_ok() && deviation("-0.1").is_err() && deviation("nan").is_err());
     }
+}
+
+/// What learning is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Goal {
+    /// The fewest bits.
+    Bits,
+    /// The most walls found, with at most 5 % of the free cells called occupied.
+    Walls,
 }

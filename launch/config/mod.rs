@@ -24,7 +24,7 @@ mod run;
 mod schema;
 mod service;
 mod source;
-mod suggest;
+pub(crate) mod suggest;
 mod supervision;
 #[cfg(test)]
 mod tests;

@@ -81,7 +81,8 @@ fn the_papers_claim_holds_on_a_recorded_drive() {
 #[test]
 fn the_default_rule_wins_on_floors_that_nobody_saw() {
     let floors = ["evaluate", "--worlds", "floor-201", "--json"];
-    let report = summary(&echogrid(floors));
+    let methods = ["fixed σ", "paper", "first_echo"].into_iter().flat_map(|method| ["--method", method]);
+    let report = summary(&echogrid(floors.into_iter().chain(methods)));
     let rows = report["tables"][0]["rows"].as_array().unwrap();
     let bits = |method: &str| -> Vec<f64> {
         let row = rows.iter().find(|row| row["method"] == method).unwrap();
@@ -97,4 +98,24 @@ fn the_default_rule_wins_on_floors_that_nobody_saw() {
     assert!(said(&refused).contains("the lower number first"), "{}", said(&refused));
     let refused = echogrid(["evaluate", "--worlds", "room", "--log", "drive.log"]);
     assert!(said(&refused).contains("LOG=WORLD"), "{}", said(&refused));
+    let refused = echogrid(["evaluate", "--worlds", "room", "--fix", "5m"]);
+    assert!(said(&refused).contains("did you mean \"5 m\"?"), "{}", said(&refused));
+}
+
+/// The rings that other mappers were measured on, with what was learnt on floors of that kind (docs/map-quality.md).
+#[test]
+fn more_walls_and_fewer_false_ones_than_other_mappers() {
+    let Some(workload) = data("workload/workload_s.bin") else { return };
+    let folder = workload.parent().unwrap().to_str().unwrap();
+    let learnt =
+        ["echo_detection=0.9", "echo_clutter=0.01", "echo_prior=0.00005", "tempering=0.25", "max_range_m=4.99"];
+    let sets = learnt.map(|set| format!("--set=mapper.{set}"));
+    let method = ["evaluate", "--worlds", "room", "--fix", "never", "--method", "first_echo, no filter", "--json"];
+    let asked = method.into_iter().chain(["--workload", folder]).chain(sets.iter().map(String::as_str));
+    let report = summary(&echogrid(asked));
+    let quality = &report["workload"][0][1];
+    let share = |figure: &str| quality[figure].as_f64().unwrap();
+    assert!(share("wall_recall_10cm") >= 0.88, "{quality}");
+    assert!(share("free_called_occupied") <= 0.05, "{quality}");
+    assert!(share("wall_precision_10cm") >= 0.7, "{quality}");
 }

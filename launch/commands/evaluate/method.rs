@@ -1,5 +1,9 @@
 //! What is compared: ways of mapping, and how often the robot is told where it is.
 
+use anyhow::{Result, bail};
+
+use crate::config::suggest;
+
 /// A way of mapping.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Method {
@@ -24,7 +28,7 @@ const K_TT: &str = "odometry.k_tt=0";
 const K_TL: &str = "odometry.k_tl=0";
 
 /// Every rule of fusion with every filter, and what a fix can do besides.
-pub(super) const METHODS: &[Method] = &[
+const METHODS: &[Method] = &[
     Method { name: "fixed σ, no filter", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL, RAW] },
     Method { name: "fixed σ", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL] },
     Method { name: "paper, no filter", sets: &[PAPER, RAW] },
@@ -46,6 +50,13 @@ pub(super) const METHODS: &[Method] = &[
     Method { name: "first_echo, 8 sonars, remap", sets: &[FIRST_ECHO, CORRIDOR, REMAP] },
 ];
 
+impl Method {
+    /// The rule that evidence is fused by.
+    pub(super) fn fusion(&self) -> Option<&'static str> {
+        self.sets.iter().find_map(|set| set.strip_prefix("mapper.fusion="))
+    }
+}
+
 /// How often the robot is told where it is.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Schedule {
@@ -56,9 +67,51 @@ pub(super) struct Schedule {
 const TRUTH: &str = "localizer.source=truth";
 const BY_SCHEDULE: &str = "localization.ask=schedule";
 
-pub(super) const SCHEDULES: [Schedule; 4] = [
+const SCHEDULES: [Schedule; 4] = [
     Schedule { name: "exact", sets: &[TRUTH, BY_SCHEDULE, "localization.every_m=0.01"] },
     Schedule { name: "5 m", sets: &[TRUTH, BY_SCHEDULE, "localization.every_m=5"] },
     Schedule { name: "15 m", sets: &[TRUTH, BY_SCHEDULE, "localization.every_m=15"] },
     Schedule { name: "never", sets: &["localization.ask=never"] },
 ];
+
+/// The methods of these names, or all where none is named.
+pub(super) fn methods(names: &[String]) -> Result<Vec<Method>> {
+    chosen("--method", names, METHODS, |method| method.name)
+}
+
+/// The schedules of these names, or all where none is named.
+pub(super) fn schedules(names: &[String]) -> Result<Vec<Schedule>> {
+    chosen("--fix", names, &SCHEDULES, |schedule| schedule.name)
+}
+
+/// Those of these names, in the order of `all`.
+fn chosen<T: Copy>(option: &str, names: &[String], all: &[T], name_of: impl Fn(&T) -> &'static str) -> Result<Vec<T>> {
+    for name in names {
+        if !all.iter().any(|each| name_of(each) == name) {
+            let near = suggest::nearest(name, all.iter().map(&name_of));
+            let near = near.map_or_else(String::new, |near| format!("; did you mean \"{near}\"?"));
+            let known = all.iter().map(|each| format!("\"{}\"", name_of(each))).collect::<Vec<_>>().join(", ");
+            bail!("{option} \"{name}\": expected one of {known}{near}");
+        }
+    }
+    let is_chosen = |each: &&T| names.is_empty() || names.iter().any(|name| name == name_of(each));
+    Ok(all.iter().filter(is_chosen).copied().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn those_that_are_named_in_the_order_of_the_table() {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        let chosen = methods(&names(&["first_echo", "paper"])).unwrap();
+        assert_eq!(chosen.iter().map(|method| method.name).collect::<Vec<_>>(), ["paper", "first_echo"]);
+        assert_eq!(chosen[1].fusion(), Some("first_echo"));
+        assert_eq!(schedules(&[]).unwrap().len(), SCHEDULES.len());
+        let refused = methods(&names(&["first echo"])).unwrap_err().to_string();
+        assert!(refused.contains("--method \"first echo\": expected one of"), "{refused}");
+        assert!(refused.ends_with("did you mean \"first_echo\"?"), "{refused}");
+        assert!(schedules(&names(&["often"])).unwrap_err().to_string().contains("\"15 m\""));
+    }
+}

@@ -15,9 +15,11 @@ use echogrid_formats::write_whole;
 use toml::Value;
 
 use self::drive::{Drive, Lesson};
-use self::method::{METHODS, Method, SCHEDULES};
+use self::learn::Lessons;
+use self::method::{Method, Schedule};
 use self::report::{Report, Row, Table};
 use self::workload::Workload;
+use crate::cli::Goal;
 use crate::config::{Config, LoadRequest};
 
 /// What is judged, by what, and where it is told.
@@ -28,6 +30,9 @@ pub(super) struct Request {
     pub(super) workload: Option<PathBuf>,
     pub(super) out: Option<PathBuf>,
     pub(super) learn: Vec<String>,
+    pub(super) goal: Goal,
+    pub(super) methods: Vec<String>,
+    pub(super) fixes: Vec<String>,
     pub(super) json: bool,
     pub(super) sets: Vec<String>,
 }
@@ -36,6 +41,8 @@ pub(super) struct Request {
 pub(super) fn run(request: &Request) -> Result<()> {
     ensure!(request.seeds > 0, "--seeds 0: expected 1 or more");
     // Whatever is wrong is said before hours of work.
+    let methods = method::methods(&request.methods)?;
+    let schedules = method::schedules(&request.fixes)?;
     let drives = drive::simulated(&request.worlds, request.seeds)?;
     let learn_on = drive::simulated(&request.learn, request.seeds)?;
     let logs = request.logs.iter().map(|log| drive::logged(log)).collect::<Result<Vec<Drive>>>()?;
@@ -44,33 +51,43 @@ pub(super) fn run(request: &Request) -> Result<()> {
     let lessons = |drives: &[Drive]| jobs::run("drive", drives, |drive| Lesson::of(drive, &request.sets));
     let learnt = match lessons(&learn_on)? {
         none if none.is_empty() => Vec::new(),
-        lessons => learn::learn(&lessons, &request.sets, setting(request)?)?,
+        lessons => {
+            let is_asked = |fusion: &str| methods.iter().any(|method| method.fusion() == Some(fusion));
+            let (common, goal) = (&request.sets, request.goal);
+            let lessons = Lessons { drives: &lessons, schedules: &schedules, common, goal };
+            learn::learn(&lessons, is_asked, setting(request)?)?
+        }
     };
     let sets_of = |method: &Method| {
-        let fusion = method.sets.iter().find_map(|set| set.strip_prefix("mapper.fusion="));
-        let learnt =
-            learnt.iter().filter(|learnt| Some(learnt.fusion) == fusion).flat_map(|learnt| learnt.sets.clone());
+        let learnt = learnt
+            .iter()
+            .filter(|learnt| Some(learnt.fusion) == method.fusion())
+            .flat_map(|learnt| learnt.sets.clone());
         let own = method.sets.iter().map(|set| (*set).to_owned());
         learnt.chain(request.sets.iter().cloned()).chain(own).collect::<Vec<String>>()
     };
     let mut tables = Vec::new();
     if !drives.is_empty() {
         let about = format!("{} simulated drives: {}, {} each", drives.len(), request.worlds.join(", "), request.seeds);
-        tables.push(Table { about, rows: judge(&lessons(&drives)?, sets_of)? });
+        tables.push(Table { about, rows: judge(&lessons(&drives)?, &methods, &schedules, sets_of)? });
     }
     for (named, log) in request.logs.iter().zip(logs) {
         let about = named.rsplit('/').next().unwrap_or(named).to_owned();
         let name = named.split('=').next().and_then(|log| log.rsplit('/').next()).unwrap_or_default();
-        tables.push(Table { about: format!("{name} in {about}"), rows: judge(&lessons(&[log])?, sets_of)? });
+        tables.push(Table {
+            about: format!("{name} in {about}"),
+            rows: judge(&lessons(&[log])?, &methods, &schedules, sets_of)?,
+        });
     }
     let on_workload = match &workload {
         Some(workload) => {
-            let judged = jobs::run("map of the workload", METHODS, |method| workload.judge(&sets_of(method)))?;
-            METHODS.iter().map(|method| method.name).zip(judged).collect()
+            let judged = jobs::run("map of the workload", &methods, |method| workload.judge(&sets_of(method)))?;
+            methods.iter().map(|method| method.name).zip(judged).collect()
         }
         None => Vec::new(),
     };
-    let report = Report { learnt, tables, workload: on_workload };
+    let columns = schedules.iter().map(|schedule| schedule.name).collect();
+    let report = Report { learnt, columns, tables, workload: on_workload };
     if let Some(file) = &request.out {
         write_whole(file, report.markdown().as_bytes())?;
     }
@@ -93,20 +110,24 @@ fn setting(request: &Request) -> Result<impl Fn(&str) -> Option<f64>> {
 }
 
 /// Every method by every schedule, over these drives.
-fn judge(drives: &[Lesson], sets_of: impl Fn(&Method) -> Vec<String> + Sync) -> Result<Vec<Row>> {
-    let schedules = || SCHEDULES.iter();
-    let runs: Vec<_> = METHODS
+fn judge(
+    drives: &[Lesson],
+    methods: &[Method],
+    schedules: &[Schedule],
+    sets_of: impl Fn(&Method) -> Vec<String> + Sync,
+) -> Result<Vec<Row>> {
+    let runs: Vec<_> = methods
         .iter()
-        .flat_map(|method| schedules().flat_map(move |at| drives.iter().map(move |drive| (method, at, drive))))
+        .flat_map(|method| schedules.iter().flat_map(move |at| drives.iter().map(move |drive| (method, at, drive))))
         .collect();
     let judged = jobs::run("map", &runs, |(method, schedule, drive)| {
         let told = schedule.sets.iter().map(|set| (*set).to_owned());
         drive.judge(&told.chain(sets_of(method)).collect::<Vec<_>>())
     })?;
     let mut columns = judged.chunks_exact(drives.len()).map(mean);
-    Ok(METHODS
+    Ok(methods
         .iter()
-        .map(|method| Row { method: method.name, columns: columns.by_ref().take(SCHEDULES.len()).collect() })
+        .map(|method| Row { method: method.name, columns: columns.by_ref().take(schedules.len()).collect() })
         .collect())
 }
 

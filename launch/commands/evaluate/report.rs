@@ -6,12 +6,14 @@ use echogrid_core::Quality;
 use serde::Serialize;
 
 use super::learn::Learnt;
-use super::method::SCHEDULES;
+use crate::cli::Goal;
 
 /// The evaluation.
 #[derive(Debug, Serialize)]
 pub(super) struct Report {
     pub(super) learnt: Vec<Learnt>,
+    /// How often there is a fix, column by column of the tables.
+    pub(super) columns: Vec<&'static str>,
     pub(super) tables: Vec<Table>,
     /// With true poses.
     pub(super) workload: Vec<(&'static str, Quality)>,
@@ -36,11 +38,19 @@ impl Report {
     /// For people and for a documentation.
     pub(super) fn markdown(&self) -> String {
         let mut text = String::new();
-        for Learnt { fusion, sets, bits, bits_at_first } in &self.learnt {
-            let _ = writeln!(text, "Learnt for {fusion}: {} ({bits_at_first:.3} to {bits:.3} bits)\n", sets.join(", "));
+        for Learnt { fusion, goal, sets, quality, at_first } in &self.learnt {
+            let figures = |quality: &Quality| match goal {
+                Goal::Bits => format!("{:.3} bits", quality.bits),
+                Goal::Walls => {
+                    let shares = [quality.wall_recall_10cm, quality.free_called_occupied].map(|share| 100.0 * share);
+                    format!("{:.1} % of the walls, {:.1} % of the free cells called occupied", shares[0], shares[1])
+                }
+            };
+            let (first, last) = (figures(at_first), figures(quality));
+            let _ = writeln!(text, "Learnt for {fusion}: {} (from {first} to {last})\n", sets.join(", "));
         }
         for table in &self.tables {
-            table.write(&mut text);
+            table.write(&self.columns, &mut text);
         }
         if !self.workload.is_empty() {
             text += "Workload with true poses:\n\n";
@@ -60,18 +70,24 @@ impl Report {
 }
 
 impl Table {
-    fn write(&self, text: &mut String) {
+    fn write(&self, names: &[&str], text: &mut String) {
         let _ = writeln!(text, "{}; bits per cell by how often there is a fix (walls / free cells):\n", self.about);
-        let names = SCHEDULES.iter().map(|schedule| schedule.name).collect::<Vec<_>>().join(" | ");
-        let _ = writeln!(text, "| way of mapping | {names} | walls found, real, decided wrong (5 m) |");
-        let _ = writeln!(text, "|---|{}---|", "---|".repeat(SCHEDULES.len()));
+        // The shares are told of one column.
+        let shown = names.iter().position(|name| *name == "5 m").unwrap_or(0);
+        let shown_name = names.get(shown).copied().unwrap_or_default();
+        let _ = writeln!(
+            text,
+            "| way of mapping | {} | walls found, real, decided wrong ({shown_name}) |",
+            names.join(" | ")
+        );
+        let _ = writeln!(text, "|---|{}---|", "---|".repeat(names.len()));
         for Row { method, columns } in &self.rows {
             let _ = write!(text, "| {method} |");
             for quality in columns {
                 let _ =
                     write!(text, " {:.3} ({:.2} / {:.2}) |", quality.bits, quality.bits_occupied, quality.bits_free);
             }
-            if let Some(told) = columns.get(1) {
+            if let Some(told) = columns.get(shown) {
                 let shares = [told.wall_recall_10cm, told.wall_precision_10cm, told.decided_wrong];
                 let [found, real, wrong] = shares.map(|share| 100.0 * share);
                 let _ = write!(text, " {found:.0} %, {real:.0} %, {wrong:.1} % |");
