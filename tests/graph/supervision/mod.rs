@@ -8,4 +8,5 @@ mod limits;
 mod sensors;
 mod stopped;
 mod strangers;
+mod systemd;
 mod twenty;
