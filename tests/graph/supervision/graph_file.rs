@@ -41,11 +41,16 @@ impl<'a> GraphFile<'a> {
     }
 
     pub(super) fn start(&self, sets: &[&str]) -> GraphProcess {
+        self.start_with(sets, &[])
+    }
+
+    /// As it is started, with `more` arguments.
+    pub(super) fn start_with(&self, sets: &[&str], more: &[&str]) -> GraphProcess {
         let file = self.drive.out(&format!("{}.toml", self.name));
         std::fs::write(&file, &self.text).unwrap();
         let (file, out) = (path(&file), path(&self.drive.out(self.name)));
         let sets = sets.iter().flat_map(|set| ["--set", set]);
-        let arguments = ["up", &file, "--json", "--out", &out].into_iter().chain(sets);
+        let arguments = ["up", &file, "--json", "--out", &out].into_iter().chain(sets).chain(more.iter().copied());
         GraphProcess::start(ECHOGRID, arguments)
     }
 

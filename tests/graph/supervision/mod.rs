@@ -5,6 +5,7 @@ mod full_memory;
 mod given_up;
 mod graph_file;
 mod limits;
+mod live;
 mod sensors;
 mod stopped;
 mod strangers;

@@ -26,7 +26,7 @@ use echogrid_service::{Plan, in_words};
 use echogrid_topics::{Domain, Topic};
 use nix::sys::signal::{SigHandler, SigSet, Signal, signal};
 
-pub use mode::Mode;
+pub use mode::{Mode, WORLD_VARIABLE};
 
 /// What the process does: of the program `echogrid-fault`, or of one of your own.
 #[must_use]
@@ -90,7 +90,7 @@ fn inputs() -> Result<&'static [Topic]> {
 /// What happens when the messages before it have been given, or taken.
 fn strike(mode: Mode) {
     match mode {
-        Mode::CrashLate => std::process::abort(),
+        Mode::CrashLate | Mode::Live => std::process::abort(),
         Mode::HangAfterReady => hang(),
         _ => {}
     }

@@ -1,5 +1,8 @@
 //! The ways to misbehave.
 
+/// Names the file that says how far the robot of [`Mode::Live`] is: the number of the step, as text.
+pub const WORLD_VARIABLE: &str = "ECHOGRID_FAULT_WORLD";
+
 /// What `echogrid-fault` does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
@@ -15,6 +18,9 @@ pub enum Mode {
     HangAfterReady,
     /// Goes on when it is asked to end.
     IgnoresSigterm,
+    /// A sensor that measures what will not be there again, and aborts after so many messages, in each of its lives. How far
+    /// the robot is in the world is in the file that [`WORLD_VARIABLE`] names.
+    Live,
     /// A sensor that is ready, and lives, and never says a word.
     Silent,
     /// A sensor that sends as many messages as it is told to, whether anybody keeps up or not.
@@ -33,13 +39,14 @@ pub enum Mode {
 
 impl Mode {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Good,
         Self::AlwaysCrash,
         Self::CrashLate,
         Self::HangBeforeReady,
         Self::HangAfterReady,
         Self::IgnoresSigterm,
+        Self::Live,
         Self::Silent,
         Self::Flooding,
         Self::WrongEpoch,
@@ -59,6 +66,7 @@ impl Mode {
             Self::HangBeforeReady => "hang-before-ready",
             Self::HangAfterReady => "hang-after-ready",
             Self::IgnoresSigterm => "ignores-sigterm",
+            Self::Live => "live",
             Self::Silent => "silent",
             Self::Flooding => "flooding",
             Self::WrongEpoch => "wrong-epoch",

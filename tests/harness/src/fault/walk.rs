@@ -2,14 +2,17 @@
 
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_6};
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use echogrid_core::{Echo, Footprint, Pose2, Reading, Robot, Sensor as Sonar, SensorKind};
 use echogrid_service::{Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic};
 
-use super::{Mode, go_deaf, strike};
+use super::{Mode, WORLD_VARIABLE, go_deaf, strike};
 
 /// Steps of the walk.
 pub const STEPS: u64 = 400;
@@ -74,6 +77,8 @@ struct Walk {
     given: u64,
     step: u64,
     outbox: VecDeque<(u64, Message)>,
+    /// Holds the number of the step, whoever lives; none: every life begins at the first.
+    world: Option<PathBuf>,
 }
 
 impl Sensor for Walk {
@@ -81,16 +86,24 @@ impl Sensor for Walk {
         OUTPUTS
     }
 
+    fn is_live(&self) -> bool {
+        self.mode == Mode::Live
+    }
+
     fn next(&mut self) -> Result<Option<(u64, Message)>> {
+        // What a live sensor has measured is given before it dies: who measures a step and tells nobody loses it.
+        if self.given >= self.after && (self.world.is_none() || self.outbox.is_empty()) {
+            strike(self.mode);
+        }
         if self.outbox.is_empty() && self.step < STEPS {
             self.step += 1;
+            if let Some(world) = &self.world {
+                fs::write(world, self.step.to_string()).with_context(|| world.display().to_string())?;
+            }
             self.outbox.extend([odometry(self.step), scan(self.step)]);
             if self.mode == Mode::Garbage && self.step.is_multiple_of(GARBLED_EVERY) {
                 self.outbox.push_back(garbled(self.step));
             }
-        }
-        if self.given >= self.after {
-            strike(self.mode);
         }
         self.given += 1;
         Ok(self.outbox.pop_front())
@@ -102,6 +115,21 @@ pub(super) fn run(mode: Mode, after: u64) -> ExitCode {
         if mode == Mode::IgnoresSigterm {
             go_deaf();
         }
-        Ok(Walk { mode, after, given: 0, step: 0, outbox: VecDeque::from([(0, Message::Robot(robot()))]) })
+        let world = if mode == Mode::Live { Some(world()?) } else { None };
+        let step = world.as_deref().map_or(Ok(0), steps_done)?;
+        Ok(Walk { mode, after, given: 0, step, outbox: VecDeque::from([(0, Message::Robot(robot()))]), world })
     })
+}
+
+fn world() -> Result<PathBuf> {
+    std::env::var_os(WORLD_VARIABLE).map(PathBuf::from).with_context(|| format!("{WORLD_VARIABLE} is not set"))
+}
+
+/// What this file says; no step if it is not there.
+fn steps_done(world: &Path) -> Result<u64> {
+    match fs::read_to_string(world) {
+        Ok(step) => step.trim().parse().with_context(|| format!("{}: {step:?}", world.display())),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(0),
+        Err(error) => Err(error).with_context(|| world.display().to_string()),
+    }
 }
