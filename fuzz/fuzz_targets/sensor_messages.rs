@@ -19,7 +19,7 @@ use echogrid_topics::{MapInfo, Message, RawOdometry, TileUpdate, Topic, TruePose
 use libfuzzer_sys::fuzz_target;
 
 /// A cell is so large that a sensor which sees through a wide angle costs no minutes.
-const RESOLUTION_M: f64 = 2.0;
+const RESOLUTION_M: f64 = 10.0;
 
 /// Says what the bytes say.
 struct Fuzzed<'a> {

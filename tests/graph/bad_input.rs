@@ -3,6 +3,8 @@
 use std::io::Write as _;
 use std::process::Output;
 
+use echogrid_service::process::NO_GRAPH;
+
 use crate::support::{Drive, echogrid, folder_in_a_namespace, in_a_namespace, mount_shared_memory, said, summary};
 
 /// Runs with `arguments`; the one error must hold every one of `snippets`.
@@ -149,4 +151,17 @@ fn where_shared_memory_is_small() {
     refused(&drive.map("maps", &[]), &["/dev/shm has room for ", " more files", "nr_inodes=64k"]);
     mount_shared_memory(&format!("size={size},nr_inodes=64k"));
     summary(&drive.map("maps", &["--json", "-q"]));
+}
+
+/// The code tells the launcher that it may not be the service's own fault.
+#[test]
+fn a_service_that_finds_no_graph_says_so_with_a_code_of_its_own() {
+    for (arguments, expected) in [
+        (&["service", "mapper"][..], "name the domain of a running graph (--domain)"),
+        (&["service", "mapper", "--domain", "nowhere"], "domain \"nowhere\": no echogrid runs there"),
+    ] {
+        let refused = echogrid(arguments);
+        assert_eq!(refused.status.code(), Some(i32::from(NO_GRAPH)), "{arguments:?}: {}", said(&refused));
+        assert!(said(&refused).contains(expected), "{arguments:?}: {}", said(&refused));
+    }
 }
