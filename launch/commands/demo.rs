@@ -1,10 +1,12 @@
 //! `echogrid` without a command, and `echogrid demo`: a simulated Pioneer 3-AT maps an office floor.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use serde::Serialize;
 
 use super::{graph, score};
 use crate::cli::View;
 use crate::config::{Config, LoadRequest};
+use crate::summary::Summary;
 
 /// What sets the demo apart from `echogrid up launch/graphs/map.toml --sensor simulator --fix truth`: the paper's choice of
 /// sonars for corridors, and the systematic error of the robot, which is known, taken out (the paper's Fig. 16).
@@ -34,13 +36,30 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         // Not as an argument of its own: a path may hold what is no TOML.
         request.record = Some(drive.to_string_lossy().into_owned());
     }
-    graph::run(&request, view)?;
-    score::run(&score::Request {
+    let summary = graph::summary_of(&request, view)?;
+    let request = score::Request {
         map: config.run.out.join("map.echogrid"),
         world: config.simulator.world.into(),
         path: Some(drive),
         points: false,
         json: view.json,
         picture: Some(config.run.out.join("score.png")),
-    })
+    };
+    if view.json {
+        // The map is there whether or not it can be judged.
+        let judged = score::judge(&request);
+        let told = Told { summary: &summary, score: judged.as_ref().ok() };
+        super::print(&format!("{}\n", serde_json::to_string_pretty(&told).context("the summary as JSON")?))?;
+        return judged.map(drop);
+    }
+    super::print(&summary.to_string())?;
+    score::run(&request)
+}
+
+/// One document: the summary of the run, and the score of its map.
+#[derive(Serialize)]
+struct Told<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    score: Option<&'a score::Score<'a>>,
 }

@@ -27,8 +27,15 @@ use crate::supervisor::{self, Graph};
 /// Scans of a sensor that says nothing of its size before it starts.
 const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 
-/// Runs the graph that was asked for.
+/// Runs the graph that was asked for, and tells what came of it.
 pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
+    let summary = summary_of(request, view)?;
+    let text = if view.json { serde_json::to_string_pretty(&summary)? + "\n" } else { summary.to_string() };
+    super::print(&text)
+}
+
+/// Runs the graph that was asked for; what came of it.
+pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> {
     let loaded = Config::load(request)?;
     loaded.require_runnable()?;
     let config = loaded.config();
@@ -101,8 +108,7 @@ pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.files = written(config, start);
-    let text = if view.json { serde_json::to_string_pretty(&summary)? + "\n" } else { summary.to_string() };
-    super::print(&text)
+    Ok(summary)
 }
 
 pub(super) fn plays_log(config: &Config) -> bool {

@@ -23,7 +23,7 @@ pub(super) struct Request {
 
 /// What it came to.
 #[derive(Debug, Serialize)]
-struct Score<'a> {
+pub(super) struct Score<'a> {
     map: &'a Path,
     world: &'a Path,
     /// The log of the true path; none: the map's own path was taken for true.
@@ -41,8 +41,18 @@ struct Score<'a> {
     picture: Option<&'a Path>,
 }
 
-/// Judges a map.
+/// Judges a map, and tells what it came to.
 pub(super) fn run(request: &Request) -> Result<()> {
+    let score = judge(request)?;
+    super::print(&if request.json {
+        format!("{}\n", serde_json::to_string_pretty(&score).context("the figures as JSON")?)
+    } else {
+        score.to_string()
+    })
+}
+
+/// Judges a map.
+pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
     let document = native::read(&request.map)?;
     let world = world::find(&request.world)?;
     let (world, points_left_out) = if request.points { (world, 0) } else { world.walls_only()? };
@@ -57,7 +67,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
         picture::write_judged(file, &document.grid, &truth, &path)?;
     }
     let count = |kind| truth.cells().filter(|(_, is)| *is == kind).count() as u64;
-    let score = Score {
+    Ok(Score {
         map: &request.map,
         world: &request.world,
         path: request.path.as_deref(),
@@ -67,11 +77,6 @@ pub(super) fn run(request: &Request) -> Result<()> {
         cells_free: count(TrueCell::Free),
         quality,
         picture: request.picture.as_deref(),
-    };
-    super::print(&if request.json {
-        format!("{}\n", serde_json::to_string_pretty(&score).context("the figures as JSON")?)
-    } else {
-        score.to_string()
     })
 }
 
