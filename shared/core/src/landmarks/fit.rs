@@ -1,6 +1,6 @@
 //! Weighted least squares: from a start down to the pose that fits best (Levenberg and Marquardt).
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Cholesky, Const, Matrix3, Vector3};
 
 use super::sighting::Sighting;
 use crate::angle::wrap_angle;
@@ -164,19 +164,30 @@ fn damped_step(here: &Point, damping: f64) -> Option<Vector3<f64>> {
     let diagonal = here.information.diagonal();
     let least = 1e-15 * diagonal.sum();
     let damped = here.information + Matrix3::from_diagonal(&diagonal.map(|value| damping * value.max(least)));
-    let step = inverse(&damped)? * here.gradient;
+    let (factor, scale) = factor(&damped)?;
+    let step = factor.solve(&here.gradient.component_mul(&scale)).component_mul(&scale);
     step.iter().all(|value| value.is_finite()).then_some(step)
 }
 
 /// Inverse of a symmetric matrix without a direction in which it is zero or negative; none for any other.
 pub(super) fn inverse(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    // Units of the three may differ by much: scaled to a diagonal of ones first.
+    let (factor, scale) = factor(matrix)?;
+    let inverse = scaled(&factor.inverse(), &scale);
+    let inverse = (inverse + inverse.transpose()) * 0.5;
+    inverse.iter().all(|value| value.is_finite()).then_some(inverse)
+}
+
+/// Cholesky's factor of the matrix scaled to a diagonal of ones, as the units of the three may differ by much; and that scale.
+fn factor(matrix: &Matrix3<f64>) -> Option<(Cholesky<f64, Const<3>>, Vector3<f64>)> {
     let diagonal = matrix.diagonal();
     if !diagonal.iter().all(|value| *value > 0.0 && value.is_finite()) {
         return None;
     }
-    let scale = Matrix3::from_diagonal(&diagonal.map(|value| 1.0 / value.sqrt()));
-    let inverse = scale * (scale * matrix * scale).cholesky()?.inverse() * scale;
-    let inverse = (inverse + inverse.transpose()) * 0.5;
-    inverse.iter().all(|value| value.is_finite()).then_some(inverse)
+    let scale = diagonal.map(|value| 1.0 / value.sqrt());
+    Some((scaled(matrix, &scale).cholesky()?, scale))
+}
+
+/// Rows and columns times this.
+fn scaled(matrix: &Matrix3<f64>, by: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::from_fn(|row, column| matrix[(row, column)] * by[row] * by[column])
 }
