@@ -57,8 +57,13 @@ impl Path {
     }
 
     fn is_step(&self, from: Pose2, to: Pose2) -> bool {
-        let times = f64::from(self.thinned).exp2();
+        let times = self.apart();
         from.distance_m(to) >= times * STEP_M || wrap_angle(to.theta - from.theta).abs() >= times * STEP_RAD
+    }
+
+    /// How many times as far apart as at first the points lie: 1, 2, 4 … (exact on every machine).
+    fn apart(&self) -> f64 {
+        2.0_f64.powi(self.thinned.cast_signed())
     }
 
     fn thin(&mut self) {
@@ -73,8 +78,8 @@ impl Path {
         });
         self.thinned += 1;
         self.saved_parts = 0;
-        let (steps, metres) = (self.thinned, f64::from(self.thinned).exp2() * STEP_M);
-        tracing::info!("the path is long: every second point dropped, {steps} times by now; a point per {metres} m");
+        let (times, metres) = (self.thinned, self.apart() * STEP_M);
+        tracing::info!("the path is long: every second point dropped, {times} times by now; a point per {metres} m");
     }
 
     pub(crate) fn save(&mut self, parts: &mut Parts) {
