@@ -26,13 +26,15 @@ struct Storm {
     kills: u64,
     wanted: u64,
     runs: u64,
+    /// Of the domains: two storms may rage at the same time.
+    name: &'static str,
     /// Keeps the drive, where there is no recording.
     drive: Drive,
     log: PathBuf,
 }
 
 impl Storm {
-    fn new(salt: u64, by_default: u64) -> Self {
+    fn new(name: &'static str, salt: u64, by_default: u64) -> Self {
         let number = |name| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
         let drive = Drive::new(60.0);
         Self {
@@ -40,6 +42,7 @@ impl Storm {
             kills: 0,
             wanted: number("ECHOGRID_KILLS").unwrap_or(by_default),
             runs: 0,
+            name,
             log: data("sonar/columbia-sonar.log.gz").unwrap_or_else(|| drive.out("drive.log")),
             drive,
         }
@@ -62,7 +65,7 @@ impl Storm {
 
     fn domain(&mut self) -> Domain {
         self.runs += 1;
-        Domain::named(&format!("k{}-{}", std::process::id(), self.runs)).unwrap()
+        Domain::named(&format!("k{}-{}-{}", self.name, std::process::id(), self.runs)).unwrap()
     }
 
     fn map(&self, out: &str) -> Vec<u8> {
@@ -137,7 +140,7 @@ impl Running {
 
 #[test]
 fn killed_services_change_nothing() {
-    let mut storm = Storm::new(0, 24);
+    let mut storm = Storm::new("s", 0, 24);
     let undisturbed = storm.undisturbed();
     while storm.kills < storm.wanted {
         let domain = storm.domain();
@@ -177,7 +180,7 @@ fn killed_services_change_nothing() {
 
 #[test]
 fn a_killed_graph_resumes_where_it_was() {
-    let mut storm = Storm::new(1000, 8);
+    let mut storm = Storm::new("l", 1000, 8);
     let undisturbed = storm.undisturbed();
     let spool = storm.drive.out("spool");
     while storm.kills < storm.wanted {
