@@ -243,7 +243,8 @@ pub enum Command {
         /// Writes the table to this file, too.
         #[arg(long, value_name = "FILE.md")]
         out: Option<PathBuf>,
-        /// Learns the parameters of each fusion on these worlds first (and then say others to judge by).
+        /// Learns the parameters of each fusion on these worlds first (and then say others to judge by), behind the filters of
+        /// --set or those that come by default, whatever those of a --method are.
         #[arg(long, value_name = "NAMES", value_delimiter = ',')]
         learn: Vec<String>,
         /// What learning is for.

@@ -5,46 +5,36 @@ use echogrid_core::walls::Walls;
 use echogrid_core::{CellIndex, Grid, GridSummary};
 use echogrid_formats::map::map_server::{MapMode, Thresholds, encode_image};
 use echogrid_formats::map::{OccupancyMap, npy};
+use echogrid_fuzz::Numbers;
 use libfuzzer_sys::fuzz_target;
 
 /// A rectangle of more cells takes too long to look at a million times.
 const CELLS_MAX: u64 = 1 << 12;
 
-struct Bytes<'a>(&'a [u8]);
-
-impl Bytes<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.0.split_first_chunk()?;
-        self.0 = rest;
-        Some(*first)
-    }
-
-    fn cell(&mut self) -> Option<(CellIndex, f32)> {
-        let [what] = self.take()?;
-        let cell = if what & 1 == 0 {
-            let [i, j] = self.take()?.map(u8::cast_signed).map(i32::from);
-            CellIndex { i, j }
-        } else {
-            // Within 2^30, as in files.
-            CellIndex { i: i32::from_le_bytes(self.take()?) >> 1, j: i32::from_le_bytes(self.take()?) >> 1 }
-        };
-        let log_odds = if what & 2 == 0 {
-            let [tenths] = self.take()?;
-            f32::from(tenths.cast_signed()) / 10.0
-        } else {
-            f32::from_le_bytes(self.take()?)
-        };
-        Some((cell, log_odds))
-    }
+fn cell(bytes: &mut Numbers<'_>) -> Option<(CellIndex, f32)> {
+    let [what] = bytes.take()?;
+    let cell = if what & 1 == 0 {
+        let [i, j] = bytes.take()?.map(u8::cast_signed).map(i32::from);
+        CellIndex { i, j }
+    } else {
+        // Within 2^30, as in files.
+        CellIndex { i: i32::from_le_bytes(bytes.take()?) >> 1, j: i32::from_le_bytes(bytes.take()?) >> 1 }
+    };
+    let log_odds = if what & 2 == 0 {
+        let [tenths] = bytes.take()?;
+        f32::from(tenths.cast_signed()) / 10.0
+    } else {
+        f32::from_le_bytes(bytes.take()?)
+    };
+    Some((cell, log_odds))
 }
-
 fuzz_target!(|bytes: &[u8]| {
-    let mut bytes = Bytes(bytes);
+    let mut bytes = Numbers { bytes, any: true };
     let Some([first]) = bytes.take() else { return };
-    let resolution_m = if first & 1 == 0 { Some(0.05) } else { bytes.take().map(f64::from_le_bytes) };
+    let resolution_m = if first & 1 == 0 { Some(0.05) } else { bytes.next() };
     let Some(resolution_m) = resolution_m.filter(|metres| (1e-6..=1e6).contains(metres)) else { return };
     let mut grid = Grid::new(resolution_m);
-    while let Some((cell, log_odds)) = bytes.cell() {
+    while let Some((cell, log_odds)) = cell(&mut bytes) {
         grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = log_odds;
     }
     let walls = Walls::of(&grid, 0.1);

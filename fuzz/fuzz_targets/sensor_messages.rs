@@ -3,10 +3,11 @@
 #![no_main]
 
 use anyhow::Result;
-use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::config::NoEcho;
 use echogrid_core::localization::{Ask, LocalizationConfig};
+use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{MapperConfig, OdometryConfig, Reading, Robot};
+use echogrid_fuzz::Numbers;
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_mapper::MapperService;
@@ -23,48 +24,32 @@ const RESOLUTION_M: f64 = 10.0;
 
 /// Says what the bytes say.
 struct Fuzzed<'a> {
-    bytes: &'a [u8],
-    /// Whether numbers are any at all, or hundredths, of which more make sense.
-    any: bool,
+    numbers: Numbers<'a>,
     stamp_ns: u64,
     described: bool,
 }
 
 impl Fuzzed<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.bytes.split_first_chunk()?;
-        self.bytes = rest;
-        Some(*first)
-    }
-
-    fn number(&mut self) -> Option<f64> {
-        if self.any { self.take().map(f64::from_le_bytes) } else { self.hundredths() }
-    }
-
-    fn hundredths(&mut self) -> Option<f64> {
-        self.take().map(|two| f64::from(i16::from_le_bytes(two)) / 100.0)
-    }
-
     fn sensor(&mut self) -> Option<SensorWire> {
-        let [kind, first_transducer, transducers] = self.take()?;
+        let [kind, first_transducer, transducers] = self.numbers.take()?;
         Some(SensorWire {
             kind: u32::from(kind),
             first_transducer: u16::from(first_transducer),
             transducers: u16::from(transducers),
-            x_m: self.number()?,
-            y_m: self.number()?,
-            theta_rad: self.number()?,
-            first_bearing_rad: self.number()?,
-            bearing_step_rad: self.number()?,
-            aperture_rad: self.number()?,
-            range_min_m: self.number()?,
-            range_max_m: self.hundredths()?,
-            range_error_ratio: self.number()?,
+            x_m: self.numbers.next()?,
+            y_m: self.numbers.next()?,
+            theta_rad: self.numbers.next()?,
+            first_bearing_rad: self.numbers.next()?,
+            bearing_step_rad: self.numbers.next()?,
+            aperture_rad: self.numbers.next()?,
+            range_min_m: self.numbers.next()?,
+            range_max_m: self.numbers.hundredths()?,
+            range_error_ratio: self.numbers.next()?,
         })
     }
 
     fn robot(&mut self) -> Option<Message> {
-        let [sensors] = self.take()?;
+        let [sensors] = self.numbers.take()?;
         let mut wire = RobotWire { sensor_count: u32::from(sensors % 8), ..RobotWire::default() };
         for slot in wire.sensors.iter_mut().take(usize::from(sensors % 8)) {
             *slot = self.sensor()?;
@@ -73,36 +58,36 @@ impl Fuzzed<'_> {
     }
 
     fn reading(&mut self) -> Option<Reading> {
-        let [transducer, echo] = self.take()?;
-        let range_m = self.hundredths()?;
-        let offset_ns = i32::from_le_bytes(self.take()?);
+        let [transducer, echo] = self.numbers.take()?;
+        let range_m = self.numbers.hundredths()?;
+        let offset_ns = i32::from_le_bytes(self.numbers.take()?);
         Some((&ReadingWire { range_m, offset_ns, transducer: u16::from(transducer), echo, reserved: 0 }).into())
     }
 
     /// A message that is not refused.
     fn message(&mut self) -> Option<Message> {
         loop {
-            let [what, later] = self.take()?;
-            self.any = what & 0x80 != 0;
+            let [what, later] = self.numbers.take()?;
+            self.numbers.any = what & 0x80 != 0;
             self.stamp_ns = if what & 0x40 != 0 {
-                u64::from_le_bytes(self.take()?)
+                u64::from_le_bytes(self.numbers.take()?)
             } else {
                 self.stamp_ns.saturating_add(u64::from(later) * 10_000_000)
             };
             let message = match what % 4 {
                 0 | 1 => {
-                    let (x_m, y_m, theta_rad) = (self.number()?, self.number()?, self.number()?);
+                    let (x_m, y_m, theta_rad) = (self.numbers.next()?, self.numbers.next()?, self.numbers.next()?);
                     let wire = OdometryRawWire { x_m, y_m, theta_rad, ..OdometryRawWire::default() };
                     RawOdometry::try_from(&wire).map(Message::Odometry)
                 }
                 2 => {
-                    let [count] = self.take()?;
+                    let [count] = self.numbers.take()?;
                     let readings: Vec<Reading> = (0..count % 32).map_while(|_| self.reading()).collect();
                     Ok(Message::Scan(readings))
                 }
                 _ => {
-                    let [known] = self.take()?;
-                    let (x_m, y_m, theta_rad) = (self.number()?, self.number()?, self.number()?);
+                    let [known] = self.numbers.take()?;
+                    let (x_m, y_m, theta_rad) = (self.numbers.next()?, self.numbers.next()?, self.numbers.next()?);
                     let wire = TruePoseWire { x_m, y_m, theta_rad, known: u32::from(known & 1), reserved: 0 };
                     TruePose::try_from(&wire).map(Message::TruePose)
                 }
@@ -162,7 +147,7 @@ impl Service for Receiver {
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((first, bytes)) = bytes.split_first() else { return };
-    let mut sensor = Fuzzed { bytes, any: first & 1 != 0, stamp_ns: 0, described: false };
+    let mut sensor = Fuzzed { numbers: Numbers { bytes, any: first & 1 != 0 }, stamp_ns: 0, described: false };
     let localization =
         LocalizationConfig { ask: Ask::Both, every_m: 10.0, every_s: 1.0, ..LocalizationConfig::default() };
     let localizer = LocalizerConfig {

@@ -7,45 +7,23 @@ use echogrid_core::sensor_model::Deviations;
 use echogrid_core::why::why;
 use echogrid_core::{Echo, MapperConfig, Pose2, Reading, Robot, Sensor, SensorKind, Verdict};
 use echogrid_formats::map::readings::{ReadingsDocument, decode, encode};
+use echogrid_fuzz::Numbers;
 use libfuzzer_sys::fuzz_target;
 
-struct Numbers<'a> {
-    bytes: &'a [u8],
-    any: bool,
+fn reading(numbers: &mut Numbers<'_>, sequence: u64) -> Option<KeptReading> {
+    let [what, transducer, code] = numbers.take()?;
+    numbers.any = what & 2 != 0;
+    let range_m = numbers.hundredths()?;
+    let echo = if what & 1 == 0 && range_m > 0.0 { Echo::Hit { range_m } } else { Echo::NoEcho };
+    Some(KeptReading {
+        sequence,
+        reading: Reading { transducer: u16::from(transducer), echo, offset_ns: i32::from(what) },
+        pose: Pose2 { x: numbers.next()?, y: numbers.next()?, theta: numbers.next()? },
+        deviations: Deviations { sigma_z_m: numbers.next()?, sigma_theta_rad: numbers.next()?, trust: numbers.next()? },
+        news: numbers.next()?,
+        verdict: Verdict::from_code(code % 16)?,
+    })
 }
-
-impl Numbers<'_> {
-    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (first, rest) = self.bytes.split_first_chunk()?;
-        self.bytes = rest;
-        Some(*first)
-    }
-
-    /// Any at all, or hundredths, of which more make sense.
-    fn next(&mut self) -> Option<f64> {
-        if self.any { self.take().map(f64::from_le_bytes) } else { self.hundredths() }
-    }
-
-    fn hundredths(&mut self) -> Option<f64> {
-        self.take().map(|two| f64::from(i16::from_le_bytes(two)) / 100.0)
-    }
-
-    fn reading(&mut self, sequence: u64) -> Option<KeptReading> {
-        let [what, transducer, code] = self.take()?;
-        self.any = what & 2 != 0;
-        let range_m = self.hundredths()?;
-        let echo = if what & 1 == 0 && range_m > 0.0 { Echo::Hit { range_m } } else { Echo::NoEcho };
-        Some(KeptReading {
-            sequence,
-            reading: Reading { transducer: u16::from(transducer), echo, offset_ns: i32::from(what) },
-            pose: Pose2 { x: self.next()?, y: self.next()?, theta: self.next()? },
-            deviations: Deviations { sigma_z_m: self.next()?, sigma_theta_rad: self.next()?, trust: self.next()? },
-            news: self.next()?,
-            verdict: Verdict::from_code(code % 16)?,
-        })
-    }
-}
-
 /// Two sonars and a lidar of three beams.
 fn robot() -> Robot {
     let sensor = |kind, first_transducer, transducers, aperture_rad| Sensor {
@@ -77,7 +55,7 @@ fuzz_target!(|bytes: &[u8]| {
     let mapper = MapperConfig { resolution_m: 1.0, fusion, ..MapperConfig::default() };
     let mut numbers = Numbers { bytes, any: first & 4 != 0 };
     let Some(at) = numbers.next().zip(numbers.next()).map(|(x, y)| [x, y]) else { return };
-    let readings = (1..).map_while(|sequence| numbers.reading(sequence)).collect();
+    let readings = (1..).map_while(|sequence| reading(&mut numbers, sequence)).collect();
     let document = ReadingsDocument { mapper, robot: robot(), scans: Vec::new(), given_up: 0, readings };
     let file = encode(&document).expect("it can be written");
     // What can't be is refused.

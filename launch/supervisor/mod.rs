@@ -357,18 +357,7 @@ impl<'a> Supervisor<'a> {
     /// Whoever waits for one that has left need not: it may have left before it could be heard.
     fn tell_who_is_gone(&mut self) -> Result<()> {
         for unit in self.units.iter().filter(|unit| matches!(unit.stage, Stage::Done | Stage::Lost)) {
-            let gone = Health {
-                service: unit.name.clone(),
-                pid: std::process::id(),
-                state: ServiceState::Gone,
-                progress: 0,
-                total: 0,
-                stamp_ns: 0,
-                faults: 0,
-                lost: 0,
-                acks: Vec::new(),
-                last_error: String::new(),
-            };
+            let gone = Health::new(unit.name.clone(), std::process::id(), ServiceState::Gone);
             self.ports.word.send(0, &Message::Health(gone))?;
         }
         Ok(self.ports.word.ring()?)

@@ -100,18 +100,7 @@ impl Reader {
 /// something to say.
 fn greet(participant: &Participant, plan: &Plan) -> Result<Output> {
     let mut greeting = Output::open(participant, Topic::Health, plan.max_readings, plan.epoch, &[])?;
-    let health = Health {
-        service: "echogrid topic".into(),
-        pid: std::process::id(),
-        state: ServiceState::Running,
-        progress: 0,
-        total: 0,
-        stamp_ns: 0,
-        faults: 0,
-        lost: 0,
-        acks: Vec::new(),
-        last_error: String::new(),
-    };
+    let health = Health::new("echogrid topic", std::process::id(), ServiceState::Running);
     greeting.send(0, &Message::Health(health))?;
     greeting.ring()?;
     Ok(greeting)

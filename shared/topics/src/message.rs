@@ -233,6 +233,25 @@ pub struct Health {
     pub last_error: String,
 }
 
+impl Health {
+    /// Of a process that has done nothing yet.
+    #[must_use]
+    pub fn new(service: impl Into<String>, pid: u32, state: ServiceState) -> Self {
+        Self {
+            service: service.into(),
+            pid,
+            state,
+            progress: 0,
+            total: 0,
+            stamp_ns: 0,
+            faults: 0,
+            lost: 0,
+            acks: Vec::new(),
+            last_error: String::new(),
+        }
+    }
+}
+
 /// Content of a message of any topic.
 #[derive(Debug, Clone)]
 pub enum Message {

@@ -82,18 +82,7 @@ mod tests {
     use crate::message::Ack;
 
     fn health(pid: u32, topic: Topic, epoch: u64, sequence: u64) -> Health {
-        Health {
-            service: "mapper".into(),
-            pid,
-            state: ServiceState::Running,
-            progress: 0,
-            total: 0,
-            stamp_ns: 0,
-            faults: 0,
-            lost: 0,
-            acks: vec![Ack { topic, epoch, sequence }],
-            last_error: String::new(),
-        }
+        Health { acks: vec![Ack { topic, epoch, sequence }], ..Health::new("mapper", pid, ServiceState::Running) }
     }
 
     #[test]
