@@ -28,6 +28,7 @@ fn cell(bytes: &mut Numbers<'_>) -> Option<(CellIndex, f32)> {
     };
     Some((cell, log_odds))
 }
+
 fuzz_target!(|bytes: &[u8]| {
     let mut bytes = Numbers { bytes, any: true };
     let Some([first]) = bytes.take() else { return };

@@ -18,6 +18,7 @@ fn sighting(numbers: &mut Numbers<'_>) -> Option<Sighting> {
         bearing_sigma_rad: numbers.next()?,
     })
 }
+
 fuzz_target!(|bytes: &[u8]| {
     let Some((first, bytes)) = bytes.split_first() else { return };
     let mut numbers = Numbers { bytes, any: first & 1 == 1 };

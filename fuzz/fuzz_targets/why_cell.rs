@@ -24,6 +24,7 @@ fn reading(numbers: &mut Numbers<'_>, sequence: u64) -> Option<KeptReading> {
         verdict: Verdict::from_code(code % 16)?,
     })
 }
+
 /// Two sonars and a lidar of three beams.
 fn robot() -> Robot {
     let sensor = |kind, first_transducer, transducers, aperture_rad| Sensor {
