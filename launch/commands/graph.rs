@@ -5,7 +5,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{GridMapper, Robot};
-use echogrid_formats::log::{self, LogSurvey, StampQuality};
+use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_localizer::LocalizerService;
@@ -51,6 +51,15 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
             survey.true_pose_count > 0,
             "{}: no true pose in it, which {wanted}; expected TRUEPOS lines",
             config.replay.log.display()
+        );
+    }
+    if let Some(why) =
+        survey.as_ref().and_then(|survey| survey.clock.invented()).filter(|_| config.localizer.needs_time())
+    {
+        bail!(
+            "{}: {why}; {} asks for the log's own time",
+            config.replay.log.display(),
+            config.localizer.asks_by_time()
         );
     }
     // With the files of who says where the robot is, too.
@@ -216,18 +225,7 @@ fn kept(config: &Config, start: SystemTime) -> String {
 
 /// What is worth knowing of a log besides its counts.
 fn remarks(survey: &LogSurvey) -> Vec<String> {
-    let mut remarks = Vec::new();
-    match &survey.stamps {
-        StampQuality::Usable => {}
-        StampQuality::OrderOnly => {
-            remarks.push("its stamps are of no use: only the order counts, 0.1 s from pose to pose".into());
-        }
-        StampQuality::Reordered { count, clamped } => {
-            remarks.push(format!(
-                "{count} stamps ran backwards and were put in order, {clamped} of them were too far off and clamped"
-            ));
-        }
-    }
+    let mut remarks = survey.clock.remarks();
     remarks.extend(survey.faults.iter().map(ToString::to_string));
     if !survey.skipped.is_empty() {
         let kinds: Vec<String> = survey.skipped.iter().map(|(kind, count)| format!("{count} {kind}")).collect();

@@ -126,6 +126,25 @@ impl LocalizerConfig {
         }
     }
 
+    /// Whether it looks things up by the stamps of the sensor, in files of the same clock.
+    #[must_use]
+    pub fn needs_time(&self) -> bool {
+        match self.source {
+            Source::None | Source::Operator | Source::Truth => false,
+            Source::Reference => true,
+            Source::Landmarks => !self.sightings.as_os_str().is_empty(),
+        }
+    }
+
+    /// The key that makes it do so, with the file.
+    #[must_use]
+    pub fn asks_by_time(&self) -> String {
+        match self.source {
+            Source::Landmarks => format!("localizer.sightings ({})", self.sightings.display()),
+            _ => format!("localizer.reference ({}, --fix FILE)", self.reference.display()),
+        }
+    }
+
     /// Whether a process answers, rather than the user or nobody.
     #[must_use]
     pub fn is_served(&self) -> bool {

@@ -248,8 +248,8 @@ fn convert_log(input: &Path, output: &Path, gzipped: bool) -> Result<ConvertRepo
     if scans_without_pose > 0 {
         lost.push(format!("{scans_without_pose} scans before the first odometry"));
     }
-    if survey.stamps == log::StampQuality::OrderOnly {
-        lost.push("the stamps, which were useless: made-up ones stand for the order".into());
+    if let Some(why) = survey.clock.invented() {
+        lost.push(format!("the log's own stamps: {why}"));
     }
     Ok(ConvertReport { input: survey.format.to_string(), written: vec![output.to_path_buf()], lost })
 }

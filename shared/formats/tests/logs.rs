@@ -6,7 +6,7 @@ use std::io::{Cursor, Write as _};
 use std::path::Path;
 
 use echogrid_core::{Echo, Pose2};
-use echogrid_formats::log::{self, FaultKind, LogError, LogEvent, LogSurvey, StampQuality, carmen, udacity};
+use echogrid_formats::log::{self, FaultKind, LogError, LogEvent, LogSurvey, carmen, udacity};
 use proptest::prelude::*;
 
 fn read(bytes: &[u8]) -> Result<(LogSurvey, Vec<LogEvent>), LogError> {
@@ -48,7 +48,7 @@ const LASER: &str = "ODOM 0 0 0 0 0 0 1.0 h 1\nFLASER 3 1 2 9 0 0 0 0 0 0 1.0 h 
 fn a_small_log() {
     let (survey, events) = usable(LASER);
     assert_eq!((survey.odometry_count, survey.scan_count, survey.reading_count), (2, 1, 3));
-    assert_eq!((survey.distance_m, survey.stamps), (5.0, StampQuality::Usable));
+    assert_eq!((survey.distance_m, survey.clock.is_clean()), (5.0, true));
     assert_eq!((survey.first_stamp_ns, survey.last_stamp_ns), (1_000_000_000, 2_000_000_000));
     assert!(survey.faults.is_empty());
     assert!(matches!(&events[1], LogEvent::Scan { readings, .. } if readings[2].echo == Echo::Hit { range_m: 9.0 }));
@@ -100,20 +100,24 @@ fn a_laser_offset_shows_in_the_poses_if_no_parameter_says_it() {
 }
 
 #[test]
-fn stamps_out_of_order_are_sorted_and_late_ones_clamped() {
+fn stamps_out_of_order_are_sorted() {
     let lines = "ODOM 1 0 0 0 0 0 1.0 h 0\nODOM 3 0 0 0 0 0 1.3 h 0\nODOM 2 0 0 0 0 0 1.2 h 0\n\
         FLASER 1 1 0 0 0 0 0 0 1.1 h 0\n";
     let (survey, events) = usable(lines);
-    assert_eq!(survey.stamps, StampQuality::Reordered { count: 2, clamped: 0 });
+    assert_eq!(survey.clock.reordered, 1);
     assert_eq!(survey.distance_m, 2.0);
     assert!(matches!(events[1], LogEvent::Scan { stamp_ns: 1_100_000_000, .. }));
+}
 
+/// A line from long ago stays where it is in the file: at its stamp it would be somewhere else.
+#[test]
+fn a_stray_stamp_does_not_count() {
     let odometry = |stamp: f64| format!("ODOM {stamp} 0 0 0 0 0 {stamp} h 0\n");
     let late: String = [3.0, 4.0, 5.0, 6.0, 2.5].map(odometry).concat();
     let (survey, events) = usable(&(LASER.to_owned() + &late));
-    assert_eq!(survey.stamps, StampQuality::Reordered { count: 1, clamped: 1 });
-    let LogEvent::Odometry { stamp_ns, odom_from_base, .. } = events[4] else { panic!("odometry") };
-    assert_eq!((stamp_ns, odom_from_base.x), (3_000_000_000, 2.5));
+    assert_eq!((survey.clock.strays, survey.clock.first_stray), (1, Some(8)));
+    let Some(LogEvent::Odometry { odom_from_base, .. }) = events.last() else { panic!("odometry") };
+    assert_eq!(odom_from_base.x, 2.5);
 }
 
 #[test]
@@ -121,11 +125,11 @@ fn useless_stamps_leave_the_order() {
     let lines = "FLASER 1 1 0 0 0 0 0 0 1e9 h 0\nODOM 1 0 0 0 0 0 1e9 h 0\nFLASER 1 1 0 0 0 0 0 0 1e9 h 0\n\
         ODOM 2 0 0 0 0 0 1e9 h 0\n";
     let (survey, events) = usable(lines);
-    assert_eq!(survey.stamps, StampQuality::OrderOnly);
+    assert!(survey.clock.order_only);
     let stamps: Vec<_> = events.iter().map(LogEvent::stamp_ns).collect();
     assert_eq!(stamps, [0, 100_000_000, 100_000_000, 200_000_000]);
     // Stamps that are no stamps are as useless.
-    assert_eq!(usable(&lines.replace("1e9", "-3")).0.stamps, StampQuality::OrderOnly);
+    assert!(usable(&lines.replace("1e9", "-3")).0.clock.order_only);
 }
 
 /// The survey said that the drive began when the first pose came, not with the scan before it (found by fuzzing).
@@ -133,7 +137,7 @@ fn useless_stamps_leave_the_order() {
 fn a_scan_before_the_first_carried_pose_comes_first() {
     let lines = "SONAR 0.5 1 2 0.1 0 0 9 h 1\nSONAR 0.5 1 2 0.1 0 0 7 8 0 9 h 1\nSONAR 0.5 1 2 0.1 0 0 9 h 1\n";
     let (survey, events) = usable(lines);
-    assert_eq!((survey.stamps, survey.first_stamp_ns), (StampQuality::OrderOnly, 0));
+    assert_eq!((survey.clock.order_only, survey.first_stamp_ns), (true, 0));
     assert_eq!(events.iter().map(LogEvent::stamp_ns).collect::<Vec<_>>(), [0, 100_000_000, 100_000_000, 100_000_000]);
 }
 

@@ -12,7 +12,7 @@
 //!
 //! `t` is in the log's own time: for a CARMEN log the *ipc timestamp*, the third word from the end of a line, which is what
 //! [`crate::log`] stamps its events with. The same decimal text gives the same nanosecond in both. A log whose stamps are
-//! useless ([`StampQuality::OrderOnly`](crate::log::StampQuality::OrderOnly)) has none that a reference could share.
+//! useless ([`ClockReport::order_only`](crate::log::ClockReport::order_only)) has none that a reference could share.
 //!
 //! A pose is that of the robot's base in the map frame. GMapping's references call theirs the pose of the *laser*; but the raw pose
 //! that each was corrected from equals the log's odometry at that scan (aces, freiburg-101: exactly), so it is the pose of what the log

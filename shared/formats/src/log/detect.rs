@@ -8,14 +8,14 @@ use serde::Serialize;
 
 use super::LogError;
 use super::carmen::is_message_name;
-use super::source::Source;
+use super::source::{BYTE_ORDER_MARK, Source};
 
 /// The formats that can be read, for people.
 pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf; plain or gzipped), \
                                  a Udacity sonar pair (measurement.txt beside poses.txt)";
 
-/// How much of a file is looked at to tell its format, bytes after decompression.
-const HEAD_BYTES: u64 = 64 * 1024;
+/// How much of a file is looked at to tell its format, bytes after decompression: more than any comment before the data.
+const HEAD_BYTES: u64 = 4 * 1024 * 1024;
 
 /// The format of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -106,6 +106,7 @@ fn beside(path: &Path, name: &str) -> Result<PathBuf, LogError> {
 }
 
 fn looks_like(head: &[u8]) -> Looks {
+    let head = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
     let lines = || head.split(|byte| *byte == b'\n').filter_map(|line| core::str::from_utf8(line).ok());
     if lines().any(|line| line.split_ascii_whitespace().next().is_some_and(is_message_name)) {
         return Looks::Carmen;
@@ -138,6 +139,9 @@ mod tests {
         assert_eq!(looks_like(b"# a comment\nPARAM a b nohost 0\n"), Looks::Carmen);
         assert_eq!(looks_like(b"\xff\xfe junk\r\nODOM 0 0 0 0 0 0 1 h 1\r\n"), Looks::Carmen);
         assert_eq!(looks_like(b"1686487 5110 5110 2320 2360 5110 5110 2160 1190\n"), Looks::Measurement);
+        assert_eq!(looks_like(b"\xef\xbb\xbfODOM 0 0 0 0 0 0 1 h 1\n"), Looks::Carmen);
+        let comments = b"# a line of a long licence, or of the notes of whoever drove\n".repeat(10_000);
+        assert_eq!(looks_like(&[comments.as_slice(), b"ODOM 0 0 0 0 0 0 1 h 1\n"].concat()), Looks::Carmen);
         assert_eq!(looks_like(b"\n1686487 0 0 0\n"), Looks::Poses);
         assert_eq!(looks_like(b"1 2 3\n"), Looks::Unknown);
         assert_eq!(looks_like(b"%PDF-1.7\n"), Looks::Unknown);

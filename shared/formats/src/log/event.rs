@@ -44,6 +44,14 @@ impl LogEvent {
             }
         }
     }
+
+    pub(crate) fn set_stamp_ns(&mut self, at_ns: u64) {
+        match self {
+            Self::Odometry { stamp_ns, .. } | Self::Scan { stamp_ns, .. } | Self::TruePose { stamp_ns, .. } => {
+                *stamp_ns = at_ns;
+            }
+        }
+    }
 }
 
 /// The events of a log in stamp order; at equal stamps odometry comes before scans.

@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead as _, Read};
 
-use super::source::{Source, Stamp, is_damage};
+use super::source::{BYTE_ORDER_MARK, Source, Stamp, is_damage};
 
 /// Longest line that is looked at, bytes. A lidar scan takes some 10 kB.
 const LINE_BYTES: usize = 4 * 1024 * 1024;
@@ -75,6 +75,7 @@ impl<R: Read> Lines<R> {
             return Ok(Some(Line::TooLong(self.number)));
         }
         let bytes = self.buffer.strip_suffix(b"\r").unwrap_or(&self.buffer);
+        let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).filter(|_| self.number == 1).unwrap_or(bytes);
         Ok(Some(Line::Bytes(self.number, bytes)))
     }
 
@@ -106,6 +107,7 @@ mod tests {
         check(b"", &[]);
         check(b"a", &["a"]);
         check(b"a\r\nb\n\nc\r", &["a", "b", "", "c"]);
+        check(b"\xef\xbb\xbfa\nb", &["a", "b"]);
     }
 
     #[test]

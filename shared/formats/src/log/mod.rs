@@ -14,6 +14,8 @@
 //! Only a log that can make no map is an error ([`LogError`]).
 
 pub mod carmen;
+mod clock;
+mod clock_report;
 mod detect;
 mod error;
 mod event;
@@ -21,6 +23,7 @@ mod fault;
 mod lines;
 mod order;
 mod source;
+mod spread;
 mod stamp;
 mod survey;
 mod tally;
@@ -29,13 +32,14 @@ pub mod udacity;
 
 use std::path::Path;
 
+pub use clock_report::{ClockReport, ClockStep, StepKind};
 use detect::{Found, detect};
 pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
 pub use fault::{Fault, FaultKind};
 pub(crate) use stamp::parse_stamp_ns;
-pub use survey::{LogSurvey, StampQuality};
+pub use survey::LogSurvey;
 
 /// Reads the log at `path` once and says what is in it.
 ///

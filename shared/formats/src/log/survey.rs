@@ -7,26 +7,7 @@ use echogrid_core::Robot;
 use serde::Serialize;
 
 use super::carmen::CarmenPlan;
-use super::{Fault, LogFormat};
-
-/// What a log's stamps are good for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StampQuality {
-    /// In order as they stand.
-    Usable,
-    /// Usable once put in order.
-    Reordered {
-        /// Lines whose stamp is earlier than one before them.
-        count: u64,
-        /// How many of these came more than 2 s late, or after a jump that no other line
-        /// confirms: their stamp is replaced by that of the event before.
-        clamped: u64,
-    },
-    /// Useless: events keep the order of their lines, and stamps are made up: 0.1 s from one
-    /// odometry line to the next, a scan at the stamp of the odometry line before it.
-    OrderOnly,
-}
+use super::{ClockReport, Fault, LogFormat};
 
 /// What is in a log, learnt by reading it once.
 #[derive(Debug, Clone, Serialize)]
@@ -51,8 +32,8 @@ pub struct LogSurvey {
     pub last_stamp_ns: u64,
     /// Sum of the odometry's steps, metres.
     pub distance_m: f64,
-    /// What the stamps are good for.
-    pub stamps: StampQuality,
+    /// What the stamps are good for, and what was made of them.
+    pub clock: ClockReport,
     /// Messages that are not used, by name: unknown ones, and those that repeat another sensor.
     pub skipped: BTreeMap<String, u64>,
     /// Damage, by kind.

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use echogrid_core::Pose2;
 
-use super::StampQuality;
-use super::order::Orderer;
-use super::timeline::{ORDER_STEP_NS, Rank, quality};
+use super::clock_report::ClockReport;
+use super::timeline::{ORDER_STEP_NS, TimedLine, Timeline};
 
 /// Events by class; the same order is made of them as when they are read.
 pub(crate) struct EventTally<C> {
     tracks: BTreeMap<C, Track>,
-    orderer: Orderer<(C, Option<Pose2>)>,
+    places: u64,
+    timeline: Timeline<C>,
 }
 
 /// Events of one class.
@@ -45,7 +45,7 @@ impl Distance {
 
 /// What the tally comes to.
 pub(crate) struct Summary {
-    pub(crate) stamps: StampQuality,
+    pub(crate) clock: ClockReport,
     pub(crate) first_stamp_ns: u64,
     pub(crate) last_stamp_ns: u64,
     pub(crate) distance_m: f64,
@@ -53,35 +53,36 @@ pub(crate) struct Summary {
 
 impl<C: Copy + Ord> EventTally<C> {
     pub(crate) fn new() -> Self {
-        Self { tracks: BTreeMap::new(), orderer: Orderer::default() }
+        Self { tracks: BTreeMap::new(), places: 0, timeline: Timeline::new(false) }
     }
 
-    /// A line, in the file's order, with the odometry that it holds.
-    pub(crate) fn add(&mut self, class: C, rank: Rank, odometry: Option<Pose2>, stamp_ns: Option<u64>, weight: usize) {
-        let place = self.orderer.statistics().lines;
-        let track = self.tracks.entry(class).or_insert_with(|| Track { first: place, ..Track::default() });
+    /// A line, in the file's order; its payload is the class that it counts for.
+    pub(crate) fn add(&mut self, line: TimedLine<C>) {
+        let place = self.places;
+        self.places += 1;
+        let track = self.tracks.entry(line.payload).or_insert_with(|| Track { first: place, ..Track::default() });
         track.lines += 1;
-        if let Some(pose) = odometry {
+        if let Some(pose) = line.pose {
             track.poses += 1;
             track.first_pose.get_or_insert(place);
             track.in_line_order.add(pose);
         }
-        self.orderer.push(stamp_ns, rank as u8, weight, (class, odometry));
-        self.take_ordered();
+        self.timeline.push(line);
+        self.take_timed();
     }
 
     /// No line follows.
     pub(crate) fn finish(&mut self) {
-        self.orderer.finish();
-        self.take_ordered();
+        self.timeline.finish();
+        self.take_timed();
     }
 
-    fn take_ordered(&mut self) {
-        while let Some((stamp_ns, (class, odometry))) = self.orderer.pop() {
-            let track = self.tracks.entry(class).or_default();
+    fn take_timed(&mut self) {
+        while let Some((stamp_ns, line)) = self.timeline.pop() {
+            let track = self.tracks.entry(line.payload).or_default();
             track.first_ns.get_or_insert(stamp_ns);
             track.last_ns = stamp_ns;
-            if let Some(pose) = odometry {
+            if let Some(pose) = line.pose {
                 track.in_stamp_order.add(pose);
             }
         }
@@ -99,23 +100,23 @@ impl<C: Copy + Ord> EventTally<C> {
 
     /// Over the classes in use, with the odometry of one of them.
     pub(crate) fn summary(&self, odometry: C, in_use: impl Fn(C) -> bool) -> Summary {
-        let stamps = quality(self.orderer.statistics());
+        let clock = self.timeline.report();
         let tracks = || self.tracks.iter().filter(|(class, _)| in_use(**class)).map(|(_, track)| track);
         let Some(odometry) = self.tracks.get(&odometry) else {
-            return Summary { stamps, first_stamp_ns: 0, last_stamp_ns: 0, distance_m: 0.0 };
+            return Summary { clock, first_stamp_ns: 0, last_stamp_ns: 0, distance_m: 0.0 };
         };
-        if stamps == StampQuality::OrderOnly {
+        if clock.order_only {
             let begins_with_odometry =
                 odometry.first_pose.is_some_and(|pose| tracks().all(|track| track.first >= pose));
             return Summary {
-                stamps,
+                clock,
                 first_stamp_ns: if begins_with_odometry { ORDER_STEP_NS } else { 0 },
                 last_stamp_ns: odometry.poses.saturating_mul(ORDER_STEP_NS),
                 distance_m: odometry.in_line_order.metres,
             };
         }
         Summary {
-            stamps,
+            clock,
             first_stamp_ns: tracks().filter_map(|track| track.first_ns).min().unwrap_or(0),
             last_stamp_ns: tracks().map(|track| track.last_ns).max().unwrap_or(0),
             distance_m: odometry.in_stamp_order.metres,

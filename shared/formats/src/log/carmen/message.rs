@@ -10,6 +10,7 @@ use echogrid_core::Pose2;
 
 use crate::log::fault::{FaultKind, Refusal};
 use crate::log::stamp::parse_stamp_ns;
+use crate::log::timeline::Source;
 
 /// Beyond this a coordinate is no place a robot has been, metres.
 const POSITION_MAX_M: f64 = 1e6;
@@ -45,6 +46,18 @@ impl ScanKind {
             Self::Raw(number) => format!("RAWLASER{number}"),
             Self::Sonar => "SONAR".into(),
         }
+    }
+
+    /// What tells its lines from those of other messages.
+    pub(crate) fn source(self) -> Source {
+        let number = match self {
+            Self::Front => 0,
+            Self::Rear => 1,
+            Self::Sonar => 2,
+            Self::Robot(number) => 0x100 + u16::from(number),
+            Self::Raw(number) => 0x200 + u16::from(number),
+        };
+        Source(Source::FIRST_SCAN + number)
     }
 
     fn of(name: &str) -> Option<Self> {

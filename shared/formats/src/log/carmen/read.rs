@@ -8,7 +8,7 @@ use echogrid_core::{Echo, Reading};
 use super::kinds::{CarmenPlan, UsedKind};
 use super::message::{Message, ScanLine, parse};
 use crate::log::lines::{Line, Lines};
-use crate::log::timeline::{Rank, TimedLine, Timeline};
+use crate::log::timeline::{EventLine, Rank, Source, TimedLine};
 use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
 
 /// Reads the events of a CARMEN log that has been surveyed. `path` is for errors only.
@@ -22,7 +22,7 @@ pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey)
         lines,
         path: path.to_path_buf(),
         plan: survey.plan.clone(),
-        timeline: Timeline::new(survey.stamps),
+        timeline: EventLine::new(&survey.clock),
         ended: false,
     })))
 }
@@ -31,7 +31,7 @@ struct CarmenReader<R: Read> {
     lines: Lines<R>,
     path: PathBuf,
     plan: CarmenPlan,
-    timeline: Timeline,
+    timeline: EventLine,
     ended: bool,
 }
 
@@ -48,8 +48,8 @@ impl<R: Read> Iterator for CarmenReader<R> {
             }
             match self.lines.next() {
                 // What is refused has been counted by the survey.
-                Ok(Some(Line::Bytes(_, bytes))) => {
-                    if let Some(line) = parse(bytes).ok().and_then(|message| timed_line(message, &self.plan)) {
+                Ok(Some(Line::Bytes(number, bytes))) => {
+                    if let Some(line) = parse(bytes).ok().and_then(|message| timed_line(number, message, &self.plan)) {
                         self.timeline.push(line);
                     }
                 }
@@ -67,45 +67,51 @@ impl<R: Read> Iterator for CarmenReader<R> {
     }
 }
 
-/// The events of a message. A scan that is not used keeps its place in the order, without events.
-fn timed_line(message: Message<'_>, plan: &CarmenPlan) -> Option<TimedLine> {
-    match message {
-        Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns } => Some(TimedLine {
-            stamp_ns,
-            rank: Rank::Odometry,
-            weight: 0,
-            events: vec![LogEvent::Odometry { stamp_ns: 0, odom_from_base, v_mps, w_radps }],
-        }),
-        Message::TruePose { map_from_base, stamp_ns } => Some(TimedLine {
-            stamp_ns,
-            rank: Rank::TruePose,
-            weight: 0,
-            events: vec![LogEvent::TruePose { stamp_ns: 0, map_from_base }],
-        }),
-        Message::Scan(scan) => timed_scan(&scan, plan),
-        Message::Param { .. } | Message::Other { .. } | Message::Nothing => None,
-    }
+/// The events of a message, with stamps still to be put in. A scan that is not used keeps its place in the order, without
+/// events.
+fn timed_line(number: u64, message: Message<'_>, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {
+    let (rank, source, stamp_ns, pose, event) = match message {
+        Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns } => {
+            let event = LogEvent::Odometry { stamp_ns: 0, odom_from_base, v_mps, w_radps };
+            (Rank::Odometry, Source::ODOMETRY, stamp_ns, Some(odom_from_base), event)
+        }
+        Message::TruePose { map_from_base, stamp_ns } => {
+            let event = LogEvent::TruePose { stamp_ns: 0, map_from_base };
+            (Rank::TruePose, Source::TRUE_POSE, stamp_ns, None, event)
+        }
+        Message::Scan(scan) => return timed_scan(number, &scan, plan),
+        Message::Param { .. } | Message::Other { .. } | Message::Nothing => return None,
+    };
+    Some(TimedLine { number, source, rank, stamp_ns, pose, weight: 0, restates: false, payload: vec![event] })
 }
 
-fn timed_scan(scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine> {
+fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {
     if !plan.geometries.get(&scan.kind)?.fits(scan) {
         return None;
     }
-    let mut line =
-        TimedLine { stamp_ns: scan.stamp_ns, rank: Rank::Scan, weight: scan.ranges.len(), events: Vec::new() };
+    let mut events = Vec::new();
     if let (Some(carried), true) = (scan.carried, plan.odometry_from == Some(scan.kind)) {
-        line.rank = Rank::Odometry;
-        line.events.push(LogEvent::Odometry {
+        events.push(LogEvent::Odometry {
             stamp_ns: 0,
             odom_from_base: carried.odom_from_base,
             v_mps: carried.v_mps,
             w_radps: carried.w_radps,
         });
     }
+    let rank = if events.is_empty() { Rank::Scan } else { Rank::Odometry };
     if let Some(used) = plan.used.get(&scan.kind) {
-        line.events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used) });
+        events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used) });
     }
-    Some(line)
+    Some(TimedLine {
+        number,
+        source: scan.kind.source(),
+        rank,
+        stamp_ns: scan.stamp_ns,
+        pose: scan.carried.map(|carried| carried.odom_from_base),
+        weight: scan.ranges.len(),
+        restates: false,
+        payload: events,
+    })
 }
 
 fn readings(ranges: &[f64], used: &UsedKind) -> Vec<Reading> {

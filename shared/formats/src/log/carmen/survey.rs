@@ -12,7 +12,7 @@ use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::lines::{Line, Lines};
 use crate::log::source::hex;
 use crate::log::tally::{EventTally, Summary};
-use crate::log::timeline::Rank;
+use crate::log::timeline::{Rank, Source, TimedLine};
 use crate::log::{LogError, LogFormat, LogSurvey};
 
 /// Parameters that are kept, and their longest value in bytes.
@@ -114,12 +114,21 @@ impl Surveyor {
         if stamp_ns.is_none() {
             self.faults.count(line, Refusal::new(FaultKind::BadStamp, "the third word from the end"));
         }
-        let rank = match class {
-            Class::Odometry => Rank::Odometry,
-            Class::TruePose => Rank::TruePose,
-            Class::Scan(_) => Rank::Scan,
+        let (rank, source) = match class {
+            Class::Odometry => (Rank::Odometry, Source::ODOMETRY),
+            Class::TruePose => (Rank::TruePose, Source::TRUE_POSE),
+            Class::Scan(kind) => (Rank::Scan, kind.source()),
         };
-        self.events.add(class, rank, pose, stamp_ns, weight);
+        self.events.add(TimedLine {
+            number: line,
+            source,
+            rank,
+            stamp_ns,
+            pose,
+            weight,
+            restates: false,
+            payload: class,
+        });
     }
 
     /// The last value before the first scan counts; later ones only where there was none.
@@ -155,7 +164,7 @@ impl Surveyor {
         let (robot, used) = robot_and_plan(&self.kinds, &kinds, &self.params)
             .map_err(|count| LogError::TooManyTransducers { path: path.to_path_buf(), count })?;
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
-        let Summary { stamps, first_stamp_ns, last_stamp_ns, distance_m } =
+        let Summary { clock, first_stamp_ns, last_stamp_ns, distance_m } =
             self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
         let readings_per_line = |record: &KindRecord| record.geometry.readings;
@@ -170,7 +179,7 @@ impl Surveyor {
             first_stamp_ns,
             last_stamp_ns,
             distance_m,
-            stamps,
+            clock,
             skipped,
             faults,
             sha256: String::new(),

@@ -7,7 +7,7 @@ use echogrid_core::{Echo, Reading};
 
 use super::rows::{Half, Next, Row, Rows};
 use super::{RANGE_MAX_MM, RANGE_MIN_MM, SONARS};
-use crate::log::timeline::{Rank, TimedLine, Timeline};
+use crate::log::timeline::{EventLine, Rank, Source, TimedLine};
 use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
 
 /// Reads the events of a sonar pair that has been surveyed. The paths are for errors only.
@@ -24,13 +24,21 @@ pub fn read(
     let bytes = |file: usize| survey.byte_counts.get(file).copied().unwrap_or(u64::MAX);
     let paths = [measurement_path.to_path_buf(), poses_path.to_path_buf()];
     let rows = Rows::new(measurement.take(bytes(0)), poses.take(bytes(1))).map_err(|error| failed(&paths, error))?;
-    Ok(LogReader(Box::new(UdacityReader { rows, paths, timeline: Timeline::new(survey.stamps), ended: false })))
+    Ok(LogReader(Box::new(UdacityReader {
+        rows,
+        paths,
+        timeline: EventLine::new(&survey.clock),
+        places: 0,
+        ended: false,
+    })))
 }
 
 struct UdacityReader<M: Read, P: Read> {
     rows: Rows<M, P>,
     paths: [PathBuf; 2],
-    timeline: Timeline,
+    timeline: EventLine,
+    /// Rows so far.
+    places: u64,
     ended: bool,
 }
 
@@ -46,7 +54,10 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
                 return None;
             }
             match self.rows.next() {
-                Ok(Some(Next::Row(row))) => self.timeline.push(timed_line(&row)),
+                Ok(Some(Next::Row(row))) => {
+                    self.places += 1;
+                    self.timeline.push(timed_line(self.places, &row));
+                }
                 // Counted by the survey.
                 Ok(Some(Next::Refused(..))) => {}
                 Ok(None) => {
@@ -66,21 +77,19 @@ fn failed([measurement, poses]: &[PathBuf; 2], (half, source): (Half, std::io::E
     LogError::open(if half == Half::Measurement { measurement } else { poses }, source)
 }
 
-fn timed_line(row: &Row) -> TimedLine {
-    match *row {
-        Row::Pose { stamp_ns, odom_from_base } => TimedLine {
-            stamp_ns: Some(stamp_ns),
-            rank: Rank::Odometry,
-            weight: 0,
-            events: vec![LogEvent::Odometry { stamp_ns, odom_from_base, v_mps: 0.0, w_radps: 0.0 }],
-        },
-        Row::Ranges { stamp_ns, ranges_mm } => TimedLine {
-            stamp_ns: Some(stamp_ns),
-            rank: Rank::Scan,
-            weight: SONARS,
-            events: vec![LogEvent::Scan { stamp_ns, readings: readings(ranges_mm) }],
-        },
-    }
+/// The event of a row, the `number`th of both files in the order of stamps.
+pub(super) fn timed_line(number: u64, row: &Row) -> TimedLine<Vec<LogEvent>> {
+    let (source, rank, stamp_ns, pose, weight, event) = match *row {
+        Row::Pose { stamp_ns, odom_from_base } => {
+            let event = LogEvent::Odometry { stamp_ns, odom_from_base, v_mps: 0.0, w_radps: 0.0 };
+            (Source::ODOMETRY, Rank::Odometry, stamp_ns, Some(odom_from_base), 0, event)
+        }
+        Row::Ranges { stamp_ns, ranges_mm } => {
+            let event = LogEvent::Scan { stamp_ns, readings: readings(ranges_mm) };
+            (Source(Source::FIRST_SCAN), Rank::Scan, stamp_ns, None, SONARS, event)
+        }
+    };
+    TimedLine { number, source, rank, stamp_ns: Some(stamp_ns), pose, weight, restates: false, payload: vec![event] }
 }
 
 fn readings(ranges_mm: [i64; SONARS]) -> Vec<Reading> {

@@ -6,13 +6,14 @@ use std::path::Path;
 
 use sha2::{Digest as _, Sha256};
 
-use super::rows::{Half, Next, Row, Rows};
+use super::read::timed_line;
+use super::rows::{Half, Next, Rows};
 use super::{SONARS, robot};
 use crate::log::carmen::CarmenPlan;
 use crate::log::fault::{FaultCounter, Refusal, first_fault};
 use crate::log::source::hex;
 use crate::log::tally::{EventTally, Summary};
-use crate::log::timeline::Rank;
+use crate::log::timeline::{Rank, TimedLine};
 use crate::log::{LogError, LogFormat, LogSurvey};
 
 /// Surveys a sonar pair. The paths are for errors only.
@@ -33,13 +34,13 @@ pub fn survey(
     let mut rows = Rows::new(measurement.take(measurement_bytes), poses.take(poses_bytes)).map_err(failed)?;
     let mut faults = FaultCounter::default();
     let mut events = EventTally::new();
+    let mut places = 0;
     while let Some(next) = rows.next().map_err(failed)? {
         match next {
-            Next::Row(Row::Pose { stamp_ns, odom_from_base }) => {
-                events.add(Rank::Odometry, Rank::Odometry, Some(odom_from_base), Some(stamp_ns), 0);
-            }
-            Next::Row(Row::Ranges { stamp_ns, .. }) => {
-                events.add(Rank::Scan, Rank::Scan, None, Some(stamp_ns), SONARS);
+            Next::Row(row) => {
+                places += 1;
+                let TimedLine { number, source, rank, stamp_ns, pose, weight, restates, .. } = timed_line(places, &row);
+                events.add(TimedLine { number, source, rank, stamp_ns, pose, weight, restates, payload: rank });
             }
             Next::Refused(half, line, Refusal { kind, sample }) => {
                 let file = if half == Half::Measurement { "measurement" } else { "poses" };
@@ -63,7 +64,7 @@ pub fn survey(
             first_fault: first_fault(&faults),
         });
     }
-    let Summary { stamps, first_stamp_ns, last_stamp_ns, distance_m } = events.summary(Rank::Odometry, |_| true);
+    let Summary { clock, first_stamp_ns, last_stamp_ns, distance_m } = events.summary(Rank::Odometry, |_| true);
     Ok(LogSurvey {
         format: LogFormat::UdacitySonar,
         robot: robot(),
@@ -75,7 +76,7 @@ pub fn survey(
         first_stamp_ns,
         last_stamp_ns,
         distance_m,
-        stamps,
+        clock,
         skipped: BTreeMap::new(),
         faults,
         sha256: hex(hasher),

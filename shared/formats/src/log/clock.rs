@@ -1,0 +1,512 @@
+//! The clock of a log: what each stamp is worth, and what happened to the clock on the way.
+//!
+//! Lines come in the file's order and leave in it, each with a stamp of one clock that no one set. Told apart:
+//!
+//! - a line *without a usable stamp* (none, or 0 within a log that has others) takes that of the line before it;
+//! - a line *out of place* by up to [`WINDOW_NS`] keeps its stamp, and is put in order later;
+//! - a *stray*, farther off than that while the lines after it go on as before, counts as one without a stamp;
+//! - a *step*: the lines after it go on from the new stamp. Steps back and leaps of more than a day are the clock being set:
+//!   the file's order is kept, and later stamps are moved by as much. A shorter leap ahead is a pause, and kept.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use super::clock_report::{ClockReport, ClockStep, StepKind};
+use super::timeline::{Source, TimedLine};
+
+/// How late a line may come and still be put where its stamp says.
+pub(crate) const WINDOW_NS: u64 = 2_000_000_000;
+/// A jump ahead beyond this must be confirmed by the lines after it.
+pub(crate) const LEAP_NS: u64 = 60_000_000_000;
+/// A leap ahead beyond this is no pause: the clock was set.
+const DAY_NS: u64 = 86_400_000_000_000;
+/// Made-up time between two lines of one source where the log shows no other.
+pub(crate) const DEFAULT_PERIOD_NS: u64 = 100_000_000;
+/// Lines, and readings, that may wait for what the lines after them say.
+const TRIAL_LINES: usize = 512;
+const TRIAL_WEIGHT: usize = 1 << 18;
+/// Offsets of the clock that it may return to.
+const OFFSETS_KEPT: usize = 4;
+
+/// A stamped line of the log's one clock; the flag says whether the stamp is its own.
+pub(crate) struct Stamped<T> {
+    pub(crate) stamp_ns: u64,
+    pub(crate) line: TimedLine<T>,
+}
+
+/// What is known of one source of messages.
+#[derive(Debug, Default)]
+struct Track {
+    last_ns: u64,
+    /// Stamps within the window, as they came.
+    recent: VecDeque<u64>,
+    /// Time that went by from stamp to stamp, gaps left out, and stamps.
+    flown_ns: u64,
+    count: u64,
+    strays: u64,
+}
+
+impl Track {
+    fn add(&mut self, stamp_ns: u64) {
+        let gap_ns = stamp_ns.saturating_sub(self.last_ns);
+        if self.count > 0 && gap_ns <= WINDOW_NS {
+            self.flown_ns += gap_ns;
+        }
+        self.count += 1;
+        self.last_ns = self.last_ns.max(stamp_ns);
+        self.recent.push_back(stamp_ns);
+        let from_ns = self.last_ns.saturating_sub(WINDOW_NS);
+        while self.recent.len() > TRIAL_LINES || self.recent.front().is_some_and(|oldest| *oldest < from_ns) {
+            self.recent.pop_front();
+        }
+    }
+
+    /// Typical time from one message to the next.
+    fn period_ns(&self) -> u64 {
+        if self.count < 2 || self.flown_ns == 0 {
+            return DEFAULT_PERIOD_NS;
+        }
+        (self.flown_ns / (self.count - 1)).max(1)
+    }
+}
+
+/// Why a line waits for those after it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Suspicion {
+    /// Earlier than another of its source, but near.
+    Late,
+    /// Earlier than it could be put in order.
+    Back,
+    /// Far ahead.
+    Ahead,
+}
+
+/// What a suspect turned out to be.
+enum Verdict {
+    OutOfPlace,
+    Stray,
+    Step,
+}
+
+/// Gives lines the stamps of one clock.
+pub(crate) struct Clock<T> {
+    tracks: BTreeMap<Source, Track>,
+    /// What is added to the log's stamps, nanoseconds; earlier ones, too.
+    offset_ns: i128,
+    earlier_offsets: VecDeque<i128>,
+    newest_ns: Option<u64>,
+    /// Stamp of the line given out last.
+    previous_ns: u64,
+    /// Lines before the first that has a stamp.
+    head: Vec<TimedLine<T>>,
+    head_weight: usize,
+    /// The suspect, and what came after it.
+    trial: VecDeque<TimedLine<T>>,
+    suspicion: Suspicion,
+    trial_weight: usize,
+    ready: VecDeque<Stamped<T>>,
+    report: ClockReport,
+}
+
+impl<T> Default for Clock<T> {
+    fn default() -> Self {
+        Self {
+            tracks: BTreeMap::new(),
+            offset_ns: 0,
+            earlier_offsets: VecDeque::new(),
+            newest_ns: None,
+            previous_ns: 0,
+            head: Vec::new(),
+            head_weight: 0,
+            trial: VecDeque::new(),
+            suspicion: Suspicion::Late,
+            trial_weight: 0,
+            ready: VecDeque::new(),
+            report: ClockReport::default(),
+        }
+    }
+}
+
+impl<T> Clock<T> {
+    /// A line, in the file's order.
+    pub(crate) fn push(&mut self, line: TimedLine<T>) {
+        self.report.lines += 1;
+        self.feed(line);
+    }
+
+    /// No line follows.
+    pub(crate) fn finish(&mut self) {
+        if self.newest_ns.is_none() {
+            self.behead(0);
+        }
+        while !self.trial.is_empty() {
+            let verdict = self.verdict(true).unwrap_or(Verdict::Stray);
+            self.carry_out(&verdict);
+        }
+    }
+
+    /// The next line.
+    pub(crate) fn pop(&mut self) -> Option<Stamped<T>> {
+        self.ready.pop_front()
+    }
+
+    /// Strays of sources that also have stamps which fit; who never does has a clock of its own.
+    pub(crate) fn contradictions(&self) -> u64 {
+        self.tracks.values().filter(|track| track.strays <= track.count).map(|track| track.strays).sum()
+    }
+
+    /// What happened to the clock so far.
+    pub(crate) fn report(&self) -> &ClockReport {
+        &self.report
+    }
+
+    fn feed(&mut self, line: TimedLine<T>) {
+        if self.trial.is_empty() {
+            self.consider(line);
+        } else {
+            self.trial_weight += line.weight;
+            self.trial.push_back(line);
+        }
+        while !self.trial.is_empty() {
+            let full = self.trial.len() >= TRIAL_LINES || self.trial_weight >= TRIAL_WEIGHT;
+            let Some(verdict) = self.verdict(full) else { break };
+            self.carry_out(&verdict);
+        }
+    }
+
+    /// A line that no suspect stands before.
+    fn consider(&mut self, line: TimedLine<T>) {
+        let Some(newest_ns) = self.newest_ns else { return self.first(line) };
+        // 0 is a stamp where the clock begins, and none later.
+        let is_usable = |raw: &u64| *raw != 0 || newest_ns <= WINDOW_NS;
+        let Some(raw_ns) = line.stamp_ns.filter(is_usable) else { return self.unstamped(line) };
+        // Before the clock's beginning is long ago.
+        let stamp_ns = self.at(raw_ns).unwrap_or(0);
+        let last_ns = self.tracks.get(&line.source).map_or(0, |track| track.last_ns);
+        self.suspicion = if stamp_ns.saturating_add(WINDOW_NS) < newest_ns {
+            Suspicion::Back
+        } else if stamp_ns > newest_ns.saturating_add(LEAP_NS) {
+            Suspicion::Ahead
+        } else if stamp_ns < last_ns {
+            Suspicion::Late
+        } else {
+            return self.accept(stamp_ns, line);
+        };
+        self.trial_weight = line.weight;
+        self.trial.push_back(line);
+    }
+
+    /// A line before which none had a stamp. Stamps of 0 are those of a clock that begins there, if it goes on from there.
+    fn first(&mut self, line: TimedLine<T>) {
+        match line.stamp_ns.filter(|raw| *raw != 0) {
+            Some(raw) => {
+                self.behead(raw);
+                self.accept(raw, line);
+            }
+            None if self.head_weight >= TRIAL_WEIGHT => {
+                self.behead(0);
+                self.unstamped(line);
+            }
+            None => {
+                self.head_weight += line.weight + 1;
+                self.head.push(line);
+            }
+        }
+    }
+
+    /// The lines before the first that has a stamp stay before it.
+    fn behead(&mut self, first_ns: u64) {
+        let begins_at_0 = first_ns <= LEAP_NS;
+        for line in core::mem::take(&mut self.head) {
+            if line.stamp_ns.is_some() && begins_at_0 {
+                self.accept(0, line);
+            } else {
+                self.previous_ns = self.newest_ns.unwrap_or(first_ns);
+                self.unstamped(line);
+            }
+        }
+        self.newest_ns.get_or_insert(first_ns);
+    }
+
+    /// A stamp of the log as one of the clock; none before the clock's beginning.
+    fn at(&self, raw_ns: u64) -> Option<u64> {
+        u64::try_from(i128::from(raw_ns) + self.offset_ns).ok()
+    }
+
+    fn accept(&mut self, stamp_ns: u64, line: TimedLine<T>) {
+        self.newest_ns = Some(self.newest_ns.unwrap_or(0).max(stamp_ns));
+        self.tracks.entry(line.source).or_default().add(stamp_ns);
+        self.give(stamp_ns, line);
+    }
+
+    fn unstamped(&mut self, line: TimedLine<T>) {
+        self.report.unstamped += 1;
+        let stamp_ns = self.previous_ns;
+        self.give(stamp_ns, line);
+    }
+
+    fn give(&mut self, stamp_ns: u64, line: TimedLine<T>) {
+        self.previous_ns = stamp_ns;
+        self.ready.push_back(Stamped { stamp_ns, line });
+    }
+
+    /// What the lines after it say of the suspect; none as long as they say too little and may say more.
+    fn verdict(&self, is_last_word: bool) -> Option<Verdict> {
+        let suspect = self.trial.front()?;
+        let raw_ns = suspect.stamp_ns?;
+        match self.suspicion {
+            Suspicion::Late => self.verdict_of_late(suspect.source, raw_ns, is_last_word),
+            Suspicion::Back | Suspicion::Ahead => {
+                // Lines of the very same stamp share its fault.
+                let mut after = self.trial.iter().skip(1).filter_map(|line| line.stamp_ns);
+                let Some(next_ns) = after.find(|next| *next != 0 && *next != raw_ns) else {
+                    let same = self.trial.iter().filter(|line| line.stamp_ns == Some(raw_ns)).count();
+                    let verdict = if same > TRIAL_LINES / 2 { Verdict::Step } else { Verdict::Stray };
+                    return is_last_word.then_some(verdict);
+                };
+                let newest_ns = self.newest_ns.unwrap_or(0);
+                let from_old = self.at(next_ns).map_or(u64::MAX, |next| next.abs_diff(newest_ns));
+                Some(if next_ns.abs_diff(raw_ns) <= from_old { Verdict::Step } else { Verdict::Stray })
+            }
+        }
+    }
+
+    /// Whether a line that is a little late is out of place, or the clock was set back: then the lines after it tell once more
+    /// of times that its source has told of before.
+    fn verdict_of_late(&self, source: Source, raw_ns: u64, is_last_word: bool) -> Option<Verdict> {
+        let track = self.tracks.get(&source)?;
+        let from_ns = self.at(raw_ns)?;
+        let (mut to_ns, mut again, mut passed) = (from_ns, 0_u64, false);
+        for line in self.trial.iter().filter(|line| line.source == source) {
+            let Some(stamp_ns) = line.stamp_ns.filter(|raw| *raw != 0).and_then(|raw| self.at(raw)) else { continue };
+            if stamp_ns > track.last_ns {
+                passed = true;
+                break;
+            }
+            if stamp_ns >= from_ns {
+                again += 1;
+                to_ns = to_ns.max(stamp_ns);
+            }
+        }
+        if !passed && !is_last_word {
+            return None;
+        }
+        let before = track.recent.iter().filter(|stamp| (from_ns..=to_ns).contains(stamp)).count() as u64;
+        // So many messages does the source send in that time.
+        let period_ns = track.period_ns();
+        let usual = (to_ns - from_ns + period_ns / 2) / period_ns + 1;
+        let is_step = again >= 2 && 2 * (before + again) > 3 * usual;
+        Some(if is_step { Verdict::Step } else { Verdict::OutOfPlace })
+    }
+
+    /// Deals with the suspect, and looks at those after it once more.
+    fn carry_out(&mut self, verdict: &Verdict) {
+        let mut rest = core::mem::take(&mut self.trial);
+        let Some(line) = rest.pop_front() else { return };
+        match (verdict, line.stamp_ns) {
+            (Verdict::Step, Some(raw_ns)) => self.step(raw_ns, line),
+            (Verdict::OutOfPlace, Some(raw_ns)) => {
+                self.report.reordered += 1;
+                let stamp_ns = self.at(raw_ns).unwrap_or(self.previous_ns);
+                self.accept(stamp_ns, line);
+            }
+            (Verdict::Stray, _) | (_, None) => {
+                self.report.strays += 1;
+                self.tracks.entry(line.source).or_default().strays += 1;
+                self.report.stray(line.number);
+                let stamp_ns = self.previous_ns;
+                self.give(stamp_ns, line);
+            }
+        }
+        while let Some(line) = rest.pop_front() {
+            if self.trial.is_empty() {
+                self.consider(line);
+                continue;
+            }
+            self.trial_weight += line.weight;
+            self.trial.push_back(line);
+            self.trial.append(&mut rest);
+            self.trial_weight = self.trial.iter().map(|line| line.weight).sum();
+        }
+    }
+
+    /// The clock goes on from another stamp.
+    fn step(&mut self, raw_ns: u64, line: TimedLine<T>) {
+        let newest_ns = self.newest_ns.unwrap_or(0);
+        let track = self.tracks.get(&line.source);
+        let period_ns = track.map_or(DEFAULT_PERIOD_NS, Track::period_ns);
+        let next_ns = newest_ns.max(track.map_or(0, |track| track.last_ns).saturating_add(period_ns));
+        let old = i128::from(raw_ns) + self.offset_ns;
+        let ahead_ns = old - i128::from(newest_ns);
+        let kind = match self.suspicion {
+            Suspicion::Ahead if ahead_ns <= i128::from(DAY_NS) => StepKind::Pause,
+            Suspicion::Ahead => StepKind::SetAhead,
+            Suspicion::Back | Suspicion::Late => StepKind::SetBack,
+        };
+        let by_ns = if kind == StepKind::SetBack { i128::from(next_ns) - old } else { ahead_ns };
+        self.report.step(ClockStep { line: line.number, kind, by_s: by_ns as f64 * 1e-9 });
+        if kind == StepKind::Pause {
+            return self.accept(u64::try_from(old).unwrap_or(newest_ns), line);
+        }
+        let goes_on = |offset: &i128| {
+            let after = i128::from(raw_ns) + *offset - i128::from(newest_ns);
+            (0..=i128::from(LEAP_NS)).contains(&after)
+        };
+        let returned = self.earlier_offsets.iter().rev().copied().find(goes_on);
+        self.earlier_offsets.push_back(self.offset_ns);
+        if self.earlier_offsets.len() > OFFSETS_KEPT {
+            self.earlier_offsets.pop_front();
+        }
+        self.offset_ns = returned.unwrap_or(i128::from(next_ns) - i128::from(raw_ns));
+        let stamp_ns = self.at(raw_ns).unwrap_or(next_ns);
+        // What is told of from here on has not been told of before.
+        self.tracks.values_mut().for_each(|track| track.recent.clear());
+        self.accept(stamp_ns, line);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::log::timeline::Rank;
+
+    /// The stamps in seconds that lines get, by their order; `(source, stamp)`, none for a line without.
+    fn stamps(lines: &[(u16, Option<f64>)]) -> (Vec<f64>, ClockReport) {
+        let mut clock = Clock::default();
+        for (number, (source, stamp)) in (1..).zip(lines) {
+            clock.push(TimedLine {
+                number,
+                source: Source(*source),
+                rank: Rank::Odometry,
+                stamp_ns: stamp.map(|seconds| (seconds * 1e9).round() as u64),
+                pose: None,
+                weight: 1,
+                restates: false,
+                payload: (),
+            });
+        }
+        clock.finish();
+        let report = clock.report().clone();
+        (std::iter::from_fn(|| clock.pop()).map(|line| line.stamp_ns as f64 * 1e-9).collect(), report)
+    }
+
+    fn odometry(stamps: impl IntoIterator<Item = f64>) -> Vec<(u16, Option<f64>)> {
+        stamps.into_iter().map(|stamp| (0, Some(stamp))).collect()
+    }
+
+    fn tenths(from: u32, to: u32) -> impl Iterator<Item = f64> {
+        (from..to).map(|tenth| f64::from(tenth) / 10.0)
+    }
+
+    fn near(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-6, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn good_stamps_stay() {
+        let (found, report) = stamps(&odometry(tenths(0, 50)));
+        near(&found, &tenths(0, 50).collect::<Vec<_>>());
+        assert_eq!(report, ClockReport { lines: 50, ..ClockReport::default() });
+    }
+
+    #[test]
+    fn a_clock_set_back_goes_on() {
+        for back in [2, 5, 15, 80, 100] {
+            let lines = odometry(tenths(100, 200).chain(tenths(200 - back, 300)));
+            let (found, report) = stamps(&lines);
+            near(&found, &tenths(100, 300 + back).collect::<Vec<_>>());
+            let [step] = report.steps.as_slice() else { panic!("{back}: {report:?}") };
+            assert_eq!((step.line, step.kind), (101, StepKind::SetBack));
+            assert!((step.by_s - f64::from(back) / 10.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_clock_set_back_where_the_log_ends() {
+        let (found, report) = stamps(&odometry(tenths(0, 100).chain(tenths(85, 89))));
+        near(&found, &tenths(0, 104).collect::<Vec<_>>());
+        assert_eq!(report.step_count, 1);
+    }
+
+    #[test]
+    fn lines_out_of_place_keep_their_stamps() {
+        for disorder in [vec![1.0, 1.1, 1.3, 1.2, 1.4, 1.5], vec![1.0, 1.1, 1.4, 1.5, 1.2, 1.3, 1.6, 1.7]] {
+            let (found, report) = stamps(&odometry(disorder.iter().copied()));
+            near(&found, &disorder);
+            assert!(report.step_count == 0 && report.reordered > 0, "{report:?}");
+        }
+        // Blocks of another source, late as a whole.
+        let mut lines = odometry(tenths(0, 10));
+        lines.extend(tenths(0, 10).map(|stamp| (7, Some(stamp))));
+        lines.extend(odometry(tenths(10, 20)));
+        let (found, report) = stamps(&lines);
+        near(&found, &lines.iter().map(|(_, stamp)| stamp.unwrap()).collect::<Vec<_>>());
+        assert_eq!(report.step_count, 0);
+    }
+
+    #[test]
+    fn strays_stay_beside_their_neighbours() {
+        for stray in [1e-3, 700.0, 9e8, 4.0] {
+            let mut lines = odometry(tenths(100, 200));
+            lines.insert(50, (0, Some(stray)));
+            lines.insert(50, (3, Some(stray)));
+            let (found, report) = stamps(&lines);
+            assert!((found[50] - 14.9).abs() < 1e-6 && (found[51] - 14.9).abs() < 1e-6, "{stray}: {}", found[50]);
+            assert_eq!((report.strays, report.step_count), (2, 0), "{stray}");
+        }
+    }
+
+    #[test]
+    fn a_source_of_another_clock_stays_beside_its_neighbours() {
+        let mut lines = Vec::new();
+        for stamp in tenths(1000, 1100) {
+            lines.extend([(0, Some(stamp)), (4, Some(stamp - 30.0))]);
+        }
+        let (found, report) = stamps(&lines);
+        assert!(found.chunks(2).all(|pair| pair[0] == pair[1]));
+        assert_eq!(report.strays, 100);
+    }
+
+    #[test]
+    fn lines_without_stamps_stay_beside_their_neighbours() {
+        let mut lines = odometry(tenths(100, 104));
+        lines.insert(2, (0, None));
+        lines.insert(4, (0, Some(0.0)));
+        lines.insert(0, (1, None));
+        let (found, report) = stamps(&lines);
+        near(&found, &[10.0, 10.0, 10.1, 10.1, 10.2, 10.2, 10.3]);
+        assert_eq!(report.unstamped, 3);
+    }
+
+    #[test]
+    fn zero_is_a_stamp_where_the_clock_begins() {
+        let lines = [(0, Some(0.0)), (1, Some(0.0)), (0, Some(0.1)), (1, Some(0.1))];
+        let (found, report) = stamps(&lines);
+        near(&found, &[0.0, 0.0, 0.1, 0.1]);
+        assert_eq!(report.unstamped, 0);
+        // And none where it does not.
+        let (found, report) = stamps(&[(0, Some(0.0)), (1, Some(0.0)), (0, Some(1.7e9)), (1, Some(1.7e9))]);
+        near(&found, &[1.7e9; 4]);
+        assert_eq!((report.unstamped, report.step_count), (2, 0));
+    }
+
+    #[test]
+    fn leaps_ahead_are_pauses_or_the_clock_being_set() {
+        let (found, report) = stamps(&odometry(tenths(0, 20).chain(tenths(36_000, 36_020))));
+        near(&found, &tenths(0, 20).chain(tenths(36_000, 36_020)).collect::<Vec<_>>());
+        assert_eq!(report.steps[0].kind, StepKind::Pause);
+        let (found, report) = stamps(&odometry(tenths(0, 20).chain(tenths(0, 20).map(|stamp| 1.7e9 + stamp))));
+        near(&found, &tenths(0, 40).collect::<Vec<_>>());
+        assert_eq!((report.steps[0].kind, report.steps[0].line), (StepKind::SetAhead, 21));
+    }
+
+    #[test]
+    fn a_clock_that_comes_back_is_what_it_was() {
+        let there = tenths(0, 20).map(|stamp| 1.7e9 + stamp);
+        let (found, report) = stamps(&odometry(tenths(0, 20).chain(there).chain(tenths(45, 60))));
+        assert!((found[54] - 5.9).abs() < 1e-6, "{found:?}");
+        assert_eq!(report.step_count, 2);
+    }
+}
