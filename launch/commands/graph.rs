@@ -14,7 +14,7 @@ use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
-use echogrid_topics::wire::MAX_SENSORS;
+use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
 
 use super::spool::Spool;
 use crate::cli::View;
@@ -41,7 +41,8 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let config = loaded.config();
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
-    let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
+    let survey =
+        plays_log(config).then(|| log::survey_with(&config.replay.log, config.replay.survey_options())).transpose()?;
     if let Some(survey) = survey.as_ref().filter(|_| config.localizer.needs_truth()) {
         let wanted = match config.localizer.source {
             Source::Landmarks => "localizer.source = \"landmarks\" without localizer.sightings measures from",
@@ -120,6 +121,10 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     let robot: Option<&Robot> = config.robot.as_ref().or(survey.map(|survey| &survey.robot));
     if let Some(robot) = robot.filter(|robot| robot.sensors.len() > MAX_SENSORS) {
         bail!("robot {:?} has {} sensors, at most {MAX_SENSORS} are possible", robot.name, robot.sensors.len());
+    }
+    // Who reads its description would refuse what can't be, and all would wait for another.
+    if let Some(robot) = robot {
+        Robot::try_from(&RobotWire::from(robot)).with_context(|| format!("robot {:?}", robot.name))?;
     }
     // A sonar that the robot does not have, limits that leave a sensor nothing: said before anything is started.
     if let Some(robot) = robot {
@@ -228,6 +233,7 @@ fn remarks(survey: &LogSurvey) -> Vec<String> {
             ));
         }
     }
+    remarks.extend(survey.remarks.iter().cloned());
     remarks.extend(survey.faults.iter().map(ToString::to_string));
     if !survey.skipped.is_empty() {
         let kinds: Vec<String> = survey.skipped.iter().map(|(kind, count)| format!("{count} {kind}")).collect();
