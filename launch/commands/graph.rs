@@ -54,6 +54,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
             config.replay.log.display()
         );
     }
+    if let (Some(survey), Some(robot)) = (&survey, &config.robot) {
+        has_transducers_of(robot, survey)?;
+    }
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
     // So is what is wrong with the world, or the way through it.
@@ -147,6 +150,22 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         consumers: supervisor::consumers(&config.services),
         config: table,
     })
+}
+
+/// Refuses a robot that does not have the transducers whose readings the log holds: these would be another's, or nobody's.
+fn has_transducers_of(robot: &Robot, survey: &LogSurvey) -> Result<()> {
+    let (has, needs) = (robot.transducer_count(), survey.robot.transducer_count());
+    let ways = match survey.robot.sensors.len() {
+        1 => String::new(),
+        sensors => format!(" of {sensors} sensors, or ways in which beams lie"),
+    };
+    ensure!(
+        has >= needs,
+        "robot {:?} has {has} transducers, but the log has readings of {needs}{ways}: describe them all, or let the log say where \
+         they are (without --robot)",
+        robot.name
+    );
+    Ok(())
 }
 
 /// Readings in the largest scan.

@@ -113,7 +113,7 @@ pub enum LogError {
     /// The ranges are in no unit that can be told.
     #[error(
         "{}:{line}: ranges of {message} are hardly metres: {found}; say what they are by \
-         --set replay.range_unit=mm (or cm, or m if they are metres)",
+         --set replay.range_unit=mm (of convert: --range-unit mm), or cm, or m if they are metres",
         path.display()
     )]
     UnknownUnit {

@@ -417,11 +417,11 @@ fn turned(kind: ScanKind, sensor: Option<&Sensor>) -> Option<String> {
     };
     let heading = sensor?.base_from_sensor.theta;
     let is_turned = echogrid_core::wrap_angle(heading - usual).abs() > SAME_MOUNT;
+    // Half a turn has no sense of rotation.
+    let degrees = if heading.abs() > core::f64::consts::PI - SAME_MOUNT { 180.0 } else { heading.to_degrees() };
     is_turned.then(|| {
-        let (name, degrees) = (kind.name(), heading.to_degrees().abs());
-        format!(
-            "{name}: the laser's heading is {degrees:.1}° off the robot's in every line: it is mapped as turned by that"
-        )
+        let off = format!("the laser's heading is {degrees:.1}° from the robot's in every line");
+        format!("{}: {off}: it is mapped as turned by that", kind.name())
     })
 }
 

@@ -115,9 +115,13 @@ impl UnitTally {
         let now = scan();
         if moved.theta.abs() < TURN_RAD {
             let off = RangeUnit::ALL.map(|unit| off(before, &now, moved, unit.metres()));
-            if let [Some(a), Some(b), Some(c)] = off {
+            if off.iter().any(Option::is_some) {
                 self.compared += 1;
-                self.off = [self.off[0] + a, self.off[1] + b, self.off[2] + c];
+                // What is nowhere in sight is off by as much as is in sight.
+                let mean = ranges.iter().filter(|range| super::is_sane(**range)).sum::<f64>() / ranges.len() as f64;
+                for (sum, off) in self.off.iter_mut().zip(off) {
+                    *sum += off.unwrap_or(mean);
+                }
             }
         }
         self.before = Some(now);
