@@ -210,7 +210,7 @@ fn the_user_says_where_the_robot_is_and_pauses_mapping() {
         (&["fix", "1", "2"], "<THETA>"),
         (&["fix", "1", "2", "0", "--sigma", "-1"], "expected metres, 0 or more"),
         (&["fix", "nan", "2", "0"], "a robot can't be there: pose = "),
-        (&["fix", "1", "-1e9", "0"], "a robot can't be there: position = -1000000000: expected metres, within ±1e6"),
+        (&["fix", "1", "-1e9", "0"], "a robot can't be there: position = -1000000000: expected metres, within ±3e7"),
         (&["drive", "1"], "this sensor has nothing to drive"),
     ] {
         let output = tell(wrong);

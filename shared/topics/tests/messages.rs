@@ -25,7 +25,7 @@ use proptest::prelude::*;
 // ---- what is sent arrives ------------------------------------------------------------------------------------------
 
 fn pose() -> impl Strategy<Value = Pose2> {
-    (-1e6..=1e6, -1e6..=1e6, -PI..=PI).prop_map(|(x, y, theta)| Pose2::new(x, y, theta))
+    (-3e7..=3e7, -3e7..=3e7, -PI..=PI).prop_map(|(x, y, theta)| Pose2::new(x, y, theta))
 }
 
 fn number() -> impl Strategy<Value = f64> {
@@ -343,12 +343,12 @@ where
 fn robots_that_cannot_be() {
     let check = |field, spoil: fn(&mut RobotWire)| refused::<_, Robot>(good_robot(), field, spoil);
     assert!(Robot::try_from(&good_robot()).is_ok());
-    check("sensor_count", |w| w.sensor_count = 33);
+    check("sensor_count", |w| w.sensor_count = 257);
     check("sensor_count", |w| w.sensor_count = u32::MAX);
     check("kind", |w| w.sensors[0].kind = 7);
     check("kind", |w| w.sensors[0].kind = 0);
     check("x_m", |w| w.sensors[0].x_m = f64::NAN);
-    check("y_m", |w| w.sensors[0].y_m = -1.1e6);
+    check("y_m", |w| w.sensors[0].y_m = -3.1e7);
     check("theta_rad", |w| w.sensors[0].theta_rad = f64::INFINITY);
     check("first_bearing_rad", |w| w.sensors[0].first_bearing_rad = f64::NAN);
     check("bearing_step_rad", |w| w.sensors[0].bearing_step_rad = f64::NEG_INFINITY);
@@ -370,7 +370,7 @@ fn odometry_that_cannot_be() {
         |field, spoil: fn(&mut OdometryRawWire)| refused::<_, RawOdometry>(OdometryRawWire::default(), field, spoil);
     assert!(RawOdometry::try_from(&OdometryRawWire::default()).is_ok());
     check("x_m", |w| w.x_m = f64::NAN);
-    check("x_m", |w| w.x_m = 1e6 + 1.0);
+    check("x_m", |w| w.x_m = 3e7 + 1.0);
     check("y_m", |w| w.y_m = f64::NEG_INFINITY);
     check("theta_rad", |w| w.theta_rad = f64::NAN);
     check("theta_rad", |w| w.theta_rad = 1e7);
@@ -382,7 +382,7 @@ fn odometry_that_cannot_be() {
 fn localizations_that_cannot_be() {
     let good = LocalizationFix { request: 1, fix: Some(Fix::about(Pose2::new(1.0, 2.0, 0.5), 0.1, 0.02)) };
     let check = |field, spoil: fn(&mut FixWire)| refused::<_, LocalizationFix>((&good).into(), field, spoil);
-    check("x_m", |w| w.x_m = 1e7);
+    check("x_m", |w| w.x_m = 4e7);
     check("theta_rad", |w| w.theta_rad = f64::NAN);
     check("covariance", |w| w.covariance[0] = -1.0);
     check("covariance", |w| w.covariance[1] = 0.005);
@@ -404,7 +404,7 @@ fn estimates_that_cannot_be() {
     let check = |field, spoil: fn(&mut EstimateWire)| refused::<_, PoseEstimate>(EstimateWire::default(), field, spoil);
     assert!(PoseEstimate::try_from(&EstimateWire::default()).is_ok());
     check("x_m", |w| w.x_m = f64::NAN);
-    check("y_m", |w| w.y_m = 2e6);
+    check("y_m", |w| w.y_m = 4e7);
     check("theta_rad", |w| w.theta_rad = f64::NAN);
     check("covariance", |w| w.covariance[8] = f64::INFINITY);
     check("covariance", |w| w.covariance[0] = -1e-9);
@@ -440,7 +440,7 @@ fn tiles_that_cannot_be() {
 fn numbers_of_a_map_that_cannot_be() {
     let check = |field, spoil: fn(&mut MapInfoWire)| refused::<_, MapInfo>(MapInfoWire::default(), field, spoil);
     assert!(MapInfo::try_from(&MapInfoWire::default()).is_ok());
-    check("sonar_count", |w| w.sonar_count = 33);
+    check("sonar_count", |w| w.sonar_count = 257);
     check("entropy_bits", |w| w.entropy_bits = -1.0);
     check("trust", |w| w.trust = f64::NAN);
     check("distance_m", |w| w.distance_m = f64::INFINITY);

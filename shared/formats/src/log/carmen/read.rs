@@ -86,9 +86,12 @@ fn timed_line(number: u64, message: Message<'_>, plan: &CarmenPlan) -> Option<Ti
 }
 
 fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {
-    if !plan.geometries.get(&scan.kind)?.fits(scan) {
-        return None;
-    }
+    let used = plan.used.get(&scan.kind).map(|used| Some((used, used.transducers(scan)?)));
+    // Of the kinds that are used, the lines that the survey used.
+    let used = match used {
+        Some(used) => Some(used?),
+        None => None,
+    };
     let mut events = Vec::new();
     if let (Some(carried), true) = (scan.carried, plan.odometry_from == Some(scan.kind)) {
         events.push(LogEvent::Odometry {
@@ -99,8 +102,8 @@ fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLi
         });
     }
     let rank = if events.is_empty() { Rank::Scan } else { Rank::Odometry };
-    if let Some(used) = plan.used.get(&scan.kind) {
-        events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used) });
+    if let Some((used, transducers)) = used {
+        events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used, &transducers) });
     }
     Some(TimedLine {
         number,
@@ -114,23 +117,24 @@ fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLi
     })
 }
 
-fn readings(ranges: &[f64], used: &UsedKind) -> Vec<Reading> {
+fn readings(ranges: &[f64], used: &UsedKind, transducers: &[u16]) -> Vec<Reading> {
     ranges
         .iter()
-        .zip(used.first_transducer..)
+        .zip(transducers)
         .enumerate()
-        .map(|(index, (range_m, transducer))| Reading {
-            transducer,
-            echo: echo(*range_m, used.range_min_m, used.ceiling_m),
+        .map(|(index, (range, transducer))| Reading {
+            transducer: *transducer,
+            echo: echo(*range, used),
             offset_ns: used.offsets_ns.get(index).copied().unwrap_or(0),
         })
         .collect()
 }
 
-fn echo(range_m: f64, range_min_m: f64, ceiling_m: f64) -> Echo {
-    if !super::is_sane(range_m) || range_m < range_min_m {
+fn echo(range: f64, used: &UsedKind) -> Echo {
+    let range_m = range * used.unit_m;
+    if !super::is_sane(range) || range_m < used.range_min_m {
         Echo::Invalid
-    } else if range_m >= ceiling_m {
+    } else if range_m >= used.ceiling_m {
         Echo::NoEcho
     } else {
         Echo::Hit { range_m }

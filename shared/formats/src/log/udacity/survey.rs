@@ -79,6 +79,7 @@ pub fn survey(
         clock,
         skipped: BTreeMap::new(),
         faults,
+        remarks: Vec::new(),
         sha256: hex(hasher),
         params: BTreeMap::new(),
         byte_counts: vec![measurement_bytes, poses_bytes],
