@@ -418,6 +418,14 @@ pub struct Settings {
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
     #[arg(long, value_name = "WAY|TIME")]
     pub fix_every: Option<Interval>,
+    /// Where in the map the drive begins: metres, and radians or degrees, as in `--start 1.5 -2 90deg` [default: where the
+    /// first fix says; without --fix where the odometry says].
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], value_parser = angle, allow_hyphen_values = true)]
+    pub start: Option<Vec<f64>>,
+    /// Whose poses the odometry is: of a drive, which drifts; or exact ones, of a SLAM or motion capture: without error
+    /// [default: drive].
+    #[arg(long, value_name = "drive|exact")]
+    pub poses: Option<String>,
     /// Sets any key, as in `--set mapper.resolution_m=0.1`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
@@ -456,6 +464,8 @@ impl Settings {
             resume: self.resume,
             fix: self.fix,
             fix_every: self.fix_every,
+            start: self.start.as_deref().and_then(|start| start.try_into().ok()),
+            poses: self.poses,
             sets: self.sets,
             ..LoadRequest::default()
         }

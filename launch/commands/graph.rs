@@ -101,6 +101,11 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
+        ensure!(
+            !map.unplaced,
+            "nothing was mapped: nobody could tell where in the map the drive begins; --start X Y THETA says it, and \
+             --set odometry.start=odometry takes the odometry's own frame for the map's"
+        );
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
     // Simulated time begins at 0.
@@ -128,7 +133,8 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     }
     let provenance = provenance(config, survey)?;
     // What `auto` comes to, the processes can't know.
-    let mut table = Config { localization: config.resolved_localization(), ..config.clone() }.to_table()?;
+    let (localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
+    let mut table = Config { localization, odometry, ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     Ok(Plan {
         rate: match config.run.rate {

@@ -33,7 +33,7 @@ mod value;
 use std::collections::BTreeMap;
 
 use echogrid_core::Robot;
-use echogrid_core::config::{MapperConfig, OdometryConfig};
+use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
 use echogrid_core::localization::{Ask, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::config::PublisherConfig;
@@ -162,6 +162,16 @@ impl Config {
             wait: self.localization.wait.resolve(!is_real).into(),
             ..self.localization.clone()
         }
+    }
+
+    /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be.
+    #[must_use]
+    pub fn resolved_odometry(&self) -> OdometryConfig {
+        let start = match self.odometry.start {
+            start if start.is_open() && self.simulates() => Start::Word(StartWord::Odometry),
+            start => start,
+        };
+        OdometryConfig { start, ..self.odometry.clone() }
     }
 
     /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`, `[localization]`,

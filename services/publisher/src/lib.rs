@@ -108,7 +108,8 @@ impl Service for PublisherService {
                     Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
                 }
             }
-            Input::Message { stamp_ns, message: Message::Estimate(PoseEstimate { estimate, trust, .. }), .. } => {
+            Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } if !estimate.unplaced => {
+                let PoseEstimate { estimate, trust, .. } = estimate;
                 self.path.follow(PathPoint { stamp_ns, pose: estimate.pose, trust });
             }
             Input::Message { .. } => {}
