@@ -75,6 +75,7 @@ pub fn survey(
         first_stamp_ns,
         last_stamp_ns,
         distance_m,
+        sideways: events.sideways(Rank::Odometry),
         stamps,
         skipped: BTreeMap::new(),
         faults,
