@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use serde::Serialize;
 
+use crate::commands::align::Align;
 use crate::config::{Interval, LoadRequest};
 
 /// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
@@ -161,6 +162,10 @@ pub enum Command {
         /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
         #[arg(long, value_name = "LOG")]
         path: Option<PathBuf>,
+        /// Lays the map on the world: by the first pose of its path, on where the robot really was then; by all of its path, as
+        /// well as it goes; or not at all [default: start; none where fixes or --start told where the map lies].
+        #[arg(long, value_enum)]
+        align: Option<Align>,
         /// Takes the points of a MobileSim world for walls, too.
         #[arg(long)]
         points: bool,
@@ -254,6 +259,10 @@ pub enum Command {
         /// repeated.
         #[arg(long = "method", value_name = "NAME")]
         methods: Vec<String>,
+        /// How a log's map is laid on its world: by where the robot really was at the start; by all of its path, as well as it
+        /// goes (drives twice); or not at all.
+        #[arg(long, value_enum, default_value = "start")]
+        align: Align,
         /// How often there is a fix, as the table names it: only at those that are named is judged and learnt; may be repeated.
         #[arg(long = "fix", value_name = "exact|5 m|15 m|never")]
         fixes: Vec<String>,
