@@ -34,7 +34,7 @@ use std::collections::BTreeMap;
 
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
-use echogrid_core::localization::{Ask, LocalizationConfig};
+use echogrid_core::localization::{Ask, Choice, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
@@ -164,11 +164,14 @@ impl Config {
         }
     }
 
-    /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be.
+    /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be,
+    /// and who wants no mapping held has it begin where the odometry says.
     #[must_use]
     pub fn resolved_odometry(&self) -> OdometryConfig {
         let start = match self.odometry.start {
-            start if start.is_open() && self.simulates() => Start::Word(StartWord::Odometry),
+            start if start.is_open() && (self.simulates() || self.localization.hold == Choice::Never) => {
+                Start::Word(StartWord::Odometry)
+            }
             start => start,
         };
         OdometryConfig { start, ..self.odometry.clone() }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use echogrid_core::{Grid, TileIndex};
 
 use super::occupancy::fits;
-use super::{MapDocument, MapError};
+use super::{MapDocument, MapError, PathPoint};
 
 /// Tiles that are no farther apart than so many belong together.
 const TOGETHER: i32 = 4;
@@ -18,7 +18,13 @@ const TOGETHER: i32 = 4;
 pub fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>, MapError> {
     let Err(too_large) = fits(&document.grid) else { return Ok(None) };
     let tiles: BTreeSet<TileIndex> = known(&document.grid).map(|(index, _)| index).collect();
-    let main = groups(&tiles).into_iter().max_by_key(|group| cells(&document.grid, group)).unwrap_or_default();
+    let tile_of = |point: &PathPoint| document.grid.cell_at(point.pose.x, point.pose.y).tile();
+    // Where the robot was for most of its way; a map without a path: where most is known.
+    let main = groups(&tiles).into_iter().max_by_key(|group| {
+        let way = document.path.iter().filter(|point| group.contains(&tile_of(point))).count();
+        (way, cells(&document.grid, group))
+    });
+    let main = main.unwrap_or_default();
     let only = |grid: &Grid| {
         let mut part = Grid::new(grid.resolution_m());
         for (index, tile) in grid.tiles().filter(|(index, _)| main.contains(index)) {
@@ -30,8 +36,7 @@ pub fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>,
     fits(&grid).map_err(|_| too_large)?;
     let doubt = document.doubt.as_ref().map(only);
     // The robot may be anywhere by now.
-    let inside = |x: f64, y: f64| main.contains(&grid.cell_at(x, y).tile());
-    let path = document.path.iter().filter(|point| inside(point.pose.x, point.pose.y)).copied().collect();
+    let path = document.path.iter().filter(|point| main.contains(&tile_of(point))).copied().collect();
     let left_out = tiles.len() - main.len();
     Ok(Some((MapDocument { grid, doubt, path, provenance: document.provenance.clone() }, left_out)))
 }
@@ -75,7 +80,7 @@ mod tests {
     use echogrid_core::{CellIndex, Pose2};
 
     use super::*;
-    use crate::map::{PathPoint, Provenance};
+    use crate::map::Provenance;
 
     fn document(cells: &[(i32, i32)]) -> MapDocument {
         let mut grid = Grid::new(0.05);
