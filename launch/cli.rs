@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use echogrid_replay::config::LogUnit;
 use serde::Serialize;
 
+use crate::commands::align::Align;
 use crate::config::{Interval, LoadRequest};
 
 /// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
@@ -165,6 +166,10 @@ pub enum Command {
         /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
         #[arg(long, value_name = "LOG")]
         path: Option<PathBuf>,
+        /// Lays the map on the world: by the first pose of its path, on where the robot really was then; by all of its path, as
+        /// well as it goes; or not at all [default: start; none where fixes or --start told where the map lies].
+        #[arg(long, value_enum)]
+        align: Option<Align>,
         /// Takes the points of a MobileSim world for walls, too.
         #[arg(long)]
         points: bool,
@@ -258,6 +263,10 @@ pub enum Command {
         /// repeated.
         #[arg(long = "method", value_name = "NAME")]
         methods: Vec<String>,
+        /// How a log's map is laid on its world: by where the robot really was at the start; by all of its path, as well as it
+        /// goes (drives twice); or not at all.
+        #[arg(long, value_enum, default_value = "start")]
+        align: Align,
         /// How often there is a fix, as the table names it: only at those that are named is judged and learnt; may be repeated.
         #[arg(long = "fix", value_name = "exact|5 m|15 m|never")]
         fixes: Vec<String>,
@@ -422,6 +431,14 @@ pub struct Settings {
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
     #[arg(long, value_name = "WAY|TIME")]
     pub fix_every: Option<Interval>,
+    /// Where in the map the drive begins: metres, and radians or degrees, as in `--start 1.5 -2 90deg` [default: where the
+    /// first fix says; without --fix where the odometry says].
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], value_parser = angle, allow_hyphen_values = true)]
+    pub start: Option<Vec<f64>>,
+    /// Whose poses the odometry is: of a drive, which drifts; or exact ones, of a SLAM or motion capture: without error
+    /// [default: drive].
+    #[arg(long, value_name = "drive|exact")]
+    pub poses: Option<String>,
     /// Sets any key, as in `--set mapper.resolution_m=0.1`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
@@ -460,6 +477,8 @@ impl Settings {
             resume: self.resume,
             fix: self.fix,
             fix_every: self.fix_every,
+            start: self.start.as_deref().and_then(|start| start.try_into().ok()),
+            poses: self.poses,
             sets: self.sets,
             ..LoadRequest::default()
         }

@@ -19,9 +19,9 @@ use crate::config::{Builtin, Config, Exec, ServiceKind};
 pub fn run(config: &Config, publisher: &mut dyn Service) -> Result<()> {
     let mut sensor = sensor(config)?;
     let localization = config.resolved_localization();
-    let mut odometry =
-        OdometryService::new(&config.odometry, config.mapper.resolution_m, &localization, config.has_localizer())?;
-    let mut mapper = MapperService::new(&config.mapper, &config.odometry)?;
+    let drive = config.resolved_odometry();
+    let mut odometry = OdometryService::new(&drive, config.mapper.resolution_m, &localization, config.has_localizer())?;
+    let mut mapper = MapperService::new(&config.mapper, &drive)?;
     if config.has_localizer() {
         let mut localizer = LocalizerService::new(&config.localizer)?;
         local::run(sensor.as_mut(), &mut [&mut odometry, &mut localizer, &mut mapper, publisher])

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use echogrid_core::Verdict;
+use echogrid_core::{Incidents, Verdict};
 use serde::Serialize;
 
 use crate::sonars::{Sonar, conspicuous};
@@ -43,6 +43,10 @@ pub struct Summary {
     pub fixes: u32,
     /// Absolute localizations that were too far off to be believed.
     pub fixes_refused: u32,
+    /// Steps of the odometry that no drive makes.
+    pub leaps: Option<Incident>,
+    /// Fixes that the odometry contradicts, beyond anything that it may be off by.
+    pub contradictions: Option<Incident>,
     /// Width and height of the world, metres; none where the sensor knows no world.
     pub world_m: Option<[f64; 2]>,
     /// Cells by what is known of them.
@@ -69,6 +73,39 @@ pub struct Summary {
     pub log_faults: Vec<String>,
     /// The files that were written.
     pub files: Vec<PathBuf>,
+}
+
+/// What went wrong so often.
+#[derive(Debug, Serialize)]
+pub struct Incident {
+    /// How many.
+    pub count: u32,
+    /// The first, seconds since the start; since 1970 or whatever the sensor's clock counts from where that is not known.
+    pub first_s: f64,
+    /// Stamp of the first, nanoseconds.
+    pub first_ns: u64,
+    /// The greatest distance, metres.
+    pub largest_m: f64,
+    /// The greatest angle, radians.
+    pub largest_rad: f64,
+}
+
+impl Incident {
+    fn of(incidents: Incidents, start_ns: Option<u64>) -> Option<Self> {
+        let Incidents { count, first_ns, largest_m, largest_rad } = incidents;
+        let first_s = first_ns.saturating_sub(start_ns.unwrap_or(0)) as f64 * 1e-9;
+        (count > 0).then_some(Self { count, first_s, first_ns, largest_m, largest_rad })
+    }
+
+    /// The size and the time of it, in words.
+    fn words(&self) -> String {
+        let Self { first_s, first_ns, largest_m, largest_rad, .. } = self;
+        let degrees = largest_rad.to_degrees();
+        format!(
+            "by up to {largest_m:.2} m and {degrees:.0}°, first after {first_s:.1} s (stamp {:.3})",
+            *first_ns as f64 * 1e-9
+        )
+    }
 }
 
 /// Readings refused for one reason.
@@ -129,6 +166,8 @@ impl Summary {
             trust: map.trust,
             fixes: map.fixes,
             fixes_refused: map.fixes_refused,
+            leaps: Incident::of(map.leaps, first_ns),
+            contradictions: Incident::of(map.contradictions, first_ns),
             world_m: outcome.world.as_ref().map(|world| {
                 let [[x_low, y_low], [x_high, y_high]] = world.bounds_m;
                 [x_high - x_low, y_high - y_low]
@@ -148,6 +187,12 @@ impl Summary {
         }
     }
 }
+
+/// What to think of leaps.
+const AFTER_A_LEAP: &str =
+    "the map goes on from where the robot was, with the doubt of how far it may have driven meanwhile";
+/// What to think of fixes that contradict.
+const AFTER_CONTRADICTION: &str = "are they of this drive, in metres and radians, x and y in order?";
 
 /// How often the robot was localized, as the end of a line.
 pub(crate) fn localized(fixes: u32) -> String {
@@ -219,6 +264,18 @@ impl fmt::Display for Summary {
             refused => format!(", refused as too far off {refused}"),
         };
         writeln!(f, "{}{refused}", localized(self.fixes))?;
+        if let Some(leaps) = &self.leaps {
+            let times = if leaps.count == 1 { "once".to_owned() } else { format!("{} times", leaps.count) };
+            writeln!(f, "odometry  leapt {times} {}: no drive does; {AFTER_A_LEAP}", leaps.words())?;
+        }
+        if let Some(contradicted) = &self.contradictions {
+            let (count, of) = (contradicted.count, u64::from(self.fixes) + u64::from(self.fixes_refused));
+            writeln!(
+                f,
+                "fixes     {count} of {of} contradict the odometry {}; {AFTER_CONTRADICTION}",
+                contradicted.words()
+            )?;
+        }
         let speed = self.recorded_s.filter(|_| self.elapsed_s > 0.0).map(|recorded_s| recorded_s / self.elapsed_s);
         let speed = speed.map_or(String::new(), |speed| format!(" ({speed:.0} × real time)"));
         writeln!(f, "time      {:.2} s{speed}, start-up {:.2} s", self.elapsed_s, self.startup_s)?;

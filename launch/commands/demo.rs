@@ -41,6 +41,7 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         map: config.run.out.join("map.echogrid"),
         world: config.simulator.world.into(),
         path: Some(drive),
+        align: None,
         points: false,
         json: view.json,
         picture: Some(config.run.out.join("score.png")),

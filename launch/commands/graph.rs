@@ -4,12 +4,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result, bail, ensure};
+use echogrid_core::config::Poses;
 use echogrid_core::{GridMapper, Robot};
+use echogrid_formats::localization::{Landmarks, ReferencePath, Sightings};
 use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_localizer::LocalizerService;
-use echogrid_localizer::config::Source;
+use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
@@ -24,6 +26,8 @@ use crate::progress::Display;
 use crate::summary::Summary;
 use crate::supervisor::{self, Graph};
 
+/// A reference of less than this share of a log is hardly of it.
+const HARDLY_ANY: f64 = 0.2;
 /// Scans of a sensor that says nothing of its size before it starts.
 const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 
@@ -68,6 +72,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     }
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
+    let little = survey.as_ref().map(|survey| overlap(config, survey)).transpose()?.flatten();
     // So is what is wrong with the world, or the way through it.
     if config.simulates() {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
@@ -114,12 +119,21 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
+        ensure!(
+            !map.unplaced,
+            "nothing was mapped: nobody could tell where in the map the drive begins; --start X Y THETA says it, and \
+             --set odometry.start=odometry takes the odometry's own frame for the map's"
+        );
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
     // Simulated time begins at 0.
     let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
+    if let Some(survey) = survey.as_ref().filter(|_| config.odometry.poses == Poses::Drive) {
+        summary.log_faults.extend(suggestion(survey));
+    }
+    summary.log_faults.extend(little);
     summary.files = written(config, start);
     Ok(summary)
 }
@@ -145,7 +159,8 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     }
     let provenance = provenance(config, survey)?;
     // What `auto` comes to, the processes can't know.
-    let mut table = Config { localization: config.resolved_localization(), ..config.clone() }.to_table()?;
+    let (localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
+    let mut table = Config { localization, odometry, ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     Ok(Plan {
         rate: match config.run.rate {
@@ -245,6 +260,52 @@ fn kept(config: &Config, start: SystemTime) -> String {
         Some(_) => format!("the graph stopped early (what is in {} is the map so far)", config.run.out.display()),
         None => "the graph stopped early".into(),
     }
+}
+
+/// What is said of poses that do not seem to be a drive's.
+fn suggestion(survey: &LogSurvey) -> Option<String> {
+    survey.sideways.is_no_drive().then(|| {
+        format!(
+            "its poses slide sideways on {:.0} % of their way, as those of wheels do not: if they are a SLAM's or from motion \
+             capture, --poses exact says that they have no error",
+            100.0 * survey.sideways.share()
+        )
+    })
+}
+
+/// How much of a log the times of a reference or of sightings cover; said where that is hardly anything.
+///
+/// # Errors
+/// It is nothing at all: no fix could ever come.
+fn overlap(config: &Config, survey: &LogSurvey) -> Result<Option<String>> {
+    let LocalizerConfig { source, reference, landmarks, sightings, .. } = &config.localizer;
+    let (file, known) = match source {
+        Source::Reference => {
+            let path = ReferencePath::read(reference)?;
+            (reference, path.poses().iter().map(|(stamp_ns, _)| *stamp_ns).collect::<Vec<_>>())
+        }
+        Source::Landmarks if config.localizer.needs_truth() => return Ok(None),
+        Source::Landmarks => {
+            let seen = Sightings::read(sightings, &Landmarks::read(landmarks)?)?;
+            (sightings, seen.all().iter().map(|sighting| sighting.stamp_ns).collect())
+        }
+        Source::None | Source::Operator | Source::Truth => return Ok(None),
+    };
+    let (Some(first_ns), Some(last_ns)) = (known.first(), known.last()) else { return Ok(None) };
+    let seconds = |ns: u64| ns as f64 * 1e-9;
+    let times = format!(
+        "{} is of {:.3} s to {:.3} s, the log of {:.3} s to {:.3} s",
+        file.display(),
+        seconds(*first_ns),
+        seconds(*last_ns),
+        seconds(survey.first_stamp_ns),
+        seconds(survey.last_stamp_ns)
+    );
+    let both_ns = survey.last_stamp_ns.min(*last_ns).checked_sub(survey.first_stamp_ns.max(*first_ns));
+    let both_ns = both_ns.with_context(|| format!("{times}: it is of another time, and no fix would ever come"))?;
+    let share = both_ns as f64 / survey.duration().as_nanos().max(1) as f64;
+    let is_little = share < HARDLY_ANY;
+    Ok(is_little.then(|| format!("{times}: that is {:.0} % of it; is it of this drive?", 100.0 * share)))
 }
 
 /// What is worth knowing of a log besides its counts.

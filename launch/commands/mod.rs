@@ -1,5 +1,6 @@
 //! What each command does.
 
+pub(crate) mod align;
 mod calibrate;
 mod check;
 mod demo;
@@ -64,8 +65,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Drive { v, w, domain }) => talk::drive(domain.as_deref(), v, w),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),
-        Some(Command::Score { map, world, path, points, json, picture }) => {
-            score::run(&score::Request { map, world, path, points, json, picture })
+        Some(Command::Score { map, world, path, align, points, json, picture }) => {
+            score::run(&score::Request { map, world, path, align, points, json, picture })
         }
         Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
         Some(Command::Why { x, y, map, domain, limit, json }) => {
@@ -76,21 +77,33 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })
         }
-        Some(Command::Evaluate { worlds, seeds, logs, workload, out, learn, goal, methods, fixes, json, sets }) => {
-            evaluate::run(&evaluate::Request {
-                worlds,
-                seeds,
-                logs,
-                workload,
-                out,
-                learn,
-                goal,
-                methods,
-                fixes,
-                json,
-                sets,
-            })
-        }
+        Some(Command::Evaluate {
+            worlds,
+            seeds,
+            logs,
+            workload,
+            out,
+            learn,
+            goal,
+            align,
+            methods,
+            fixes,
+            json,
+            sets,
+        }) => evaluate::run(&evaluate::Request {
+            worlds,
+            seeds,
+            logs,
+            workload,
+            out,
+            learn,
+            goal,
+            align,
+            methods,
+            fixes,
+            json,
+            sets,
+        }),
         Some(Command::Topic(command)) => topic::run(&command),
         Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.

@@ -27,6 +27,10 @@ pub(super) struct Seen {
     pub(super) grid: Grid,
     pub(super) moments: Vec<Snapshot>,
     pub(super) true_path: Vec<Pose2>,
+    /// Where the robot was believed to be at first.
+    pub(super) first: Pose2,
+    /// Where it was believed to be, and where it really was, wherever both are known.
+    pub(super) pairs: Vec<(Pose2, Pose2)>,
     /// When the absolute localizations were true.
     pub(super) fixes_ns: Vec<u64>,
     pub(super) readings_used: u64,
@@ -46,6 +50,8 @@ pub(super) struct Observer {
     true_robot: Option<Pose2>,
     trust: f64,
     true_path: Vec<Pose2>,
+    first: Option<Pose2>,
+    pairs: Vec<(Pose2, Pose2)>,
     fixes_ns: Vec<u64>,
     readings_used: u64,
     span_ns: Option<(u64, u64)>,
@@ -64,6 +70,8 @@ impl Observer {
             true_robot: None,
             trust: 1.0,
             true_path: Vec::new(),
+            first: None,
+            pairs: Vec::new(),
             fixes_ns: Vec::new(),
             readings_used: 0,
             span_ns: None,
@@ -77,6 +85,8 @@ impl Observer {
             grid: self.grid,
             moments: self.moments,
             true_path: self.true_path,
+            first: self.first.unwrap_or_default(),
+            pairs: self.pairs,
             fixes_ns: self.fixes_ns,
             readings_used: self.readings_used,
             first_ns,
@@ -99,7 +109,10 @@ impl Observer {
                 *self.grid.tile_mut(*index) = Tile { revision: *revision, log_odds: log_odds.clone() };
             }
             Message::Estimate(estimate) => {
-                (self.robot, self.trust) = (Some(estimate.estimate.pose), estimate.trust);
+                let pose = estimate.estimate.pose;
+                (self.robot, self.trust) = (Some(pose), estimate.trust);
+                self.first.get_or_insert(pose);
+                self.pairs.extend(self.true_robot.map(|true_pose| (pose, true_pose)));
                 let (first_ns, _) = self.span_ns.unwrap_or((stamp_ns, stamp_ns));
                 self.span_ns = Some((first_ns, stamp_ns));
             }

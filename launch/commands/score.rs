@@ -11,11 +11,15 @@ use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::world;
 use serde::Serialize;
 
+use super::align::{Align, Alignment};
+
 /// What is judged, and by what.
 pub(super) struct Request {
     pub(super) map: PathBuf,
     pub(super) world: PathBuf,
     pub(super) path: Option<PathBuf>,
+    /// Nothing: as the map suggests.
+    pub(super) align: Option<Align>,
     pub(super) points: bool,
     pub(super) json: bool,
     pub(super) picture: Option<PathBuf>,
@@ -30,6 +34,8 @@ pub(super) struct Score<'a> {
     path: Option<&'a Path>,
     /// Poses of that path.
     poses: usize,
+    /// How the map was laid on the world; none: the map's own path was taken for true.
+    alignment: Option<Alignment>,
     /// Points of the world that were not taken for walls.
     points_left_out: usize,
     /// Cells of walls that count.
@@ -56,8 +62,23 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
     let document = native::read(&request.map)?;
     let world = world::find(&request.world)?;
     let (world, points_left_out) = if request.points { (world, 0) } else { world.walls_only()? };
-    let path = match &request.path {
-        Some(log) => true_path(log)?,
+    let truth = request.path.as_deref().map(true_path).transpose()?;
+    let alignment = match &truth {
+        Some(truth) => {
+            Some(Alignment::of(&document, truth, request.align).with_context(|| request.map.display().to_string())?)
+        }
+        None => {
+            ensure!(
+                request.align.is_none_or(|align| align == Align::None),
+                "--align needs --path LOG, a log with TRUEPOS lines: the map's own path is taken for true without it"
+            );
+            None
+        }
+    };
+    let map_from_world = alignment.filter(Alignment::moves).map(|alignment| alignment.map_from_world);
+    let world = map_from_world.map_or(Ok(world.clone()), |map_from_world| world.moved(map_from_world))?;
+    let path = match truth {
+        Some(truth) => truth.into_iter().map(|(_, pose)| map_from_world.map_or(pose, |moved| moved * pose)).collect(),
         None => own_path(&document, &request.map)?,
     };
     let failed = || format!("{} in {}", request.map.display(), request.world.display());
@@ -72,6 +93,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
         world: &request.world,
         path: request.path.as_deref(),
         poses: path.len(),
+        alignment,
         points_left_out,
         cells_occupied: count(TrueCell::Wall),
         cells_free: count(TrueCell::Free),
@@ -80,8 +102,8 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
     })
 }
 
-/// Where the robot really was.
-fn true_path(log: &Path) -> Result<Vec<Pose2>> {
+/// Where the robot really was, and when.
+pub(super) fn true_path(log: &Path) -> Result<Vec<(u64, Pose2)>> {
     let survey = log::survey(log)?;
     ensure!(
         survey.true_pose_count > 0,
@@ -90,8 +112,8 @@ fn true_path(log: &Path) -> Result<Vec<Pose2>> {
     );
     let mut path = Vec::new();
     for event in log::open(log, &survey)? {
-        if let LogEvent::TruePose { map_from_base, .. } = event? {
-            path.push(map_from_base);
+        if let LogEvent::TruePose { stamp_ns, map_from_base } = event? {
+            path.push((stamp_ns, map_from_base));
         }
     }
     Ok(path)
@@ -136,6 +158,9 @@ impl fmt::Display for Score<'_> {
             self.cells_occupied,
             100.0 * self.quality.wall_precision_10cm
         )?;
+        if let Some(alignment) = &self.alignment {
+            writeln!(f, "aligned      {alignment}")?;
+        }
         if left_out > 0 {
             writeln!(f, "world        {left_out} points not taken for walls (--points takes them)")?;
         }

@@ -33,8 +33,8 @@ mod value;
 use std::collections::BTreeMap;
 
 use echogrid_core::Robot;
-use echogrid_core::config::{MapperConfig, OdometryConfig};
-use echogrid_core::localization::{Ask, LocalizationConfig};
+use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
+use echogrid_core::localization::{Ask, Choice, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
@@ -162,6 +162,19 @@ impl Config {
             wait: self.localization.wait.resolve(!is_real).into(),
             ..self.localization.clone()
         }
+    }
+
+    /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be,
+    /// and who wants no mapping held has it begin where the odometry says.
+    #[must_use]
+    pub fn resolved_odometry(&self) -> OdometryConfig {
+        let start = match self.odometry.start {
+            start if start.is_open() && (self.simulates() || self.localization.hold == Choice::Never) => {
+                Start::Word(StartWord::Odometry)
+            }
+            start => start,
+        };
+        OdometryConfig { start, ..self.odometry.clone() }
     }
 
     /// What decides the bytes of a map besides the readings, for the map's file: `[odometry]`, `[localization]`,

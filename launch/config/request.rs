@@ -31,6 +31,10 @@ pub struct LoadRequest {
     pub fix: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
     pub fix_every: Option<Interval>,
+    /// `--start`: where in the map the odometry begins, metres and radians.
+    pub start: Option<[f64; 3]>,
+    /// `--poses`: `drive` or `exact`.
+    pub poses: Option<String>,
     /// Where a simulated drive is written to, as a log.
     pub record: Option<String>,
     /// The log to play.
@@ -66,6 +70,7 @@ impl LoadRequest {
             ("--spool", "run.spool", &self.spool),
             ("--sensor", &sensor_key, &sensor),
             ("--fix", "localizer.source", &fix),
+            ("--poses", "odometry.poses", &self.poses),
             ("RECORD", "simulator.record", &self.record),
             ("LOG", "replay.log", &self.log),
         ] {
@@ -77,6 +82,10 @@ impl LoadRequest {
             let source = Source::argument(&format!("--fix-every {every}"), Some(base));
             found.add(argument::assign("localization.ask", "schedule", &source));
             found.add(argument::assign(every.key(), &every.amount().to_string(), &source));
+        }
+        if let Some([x, y, theta]) = self.start {
+            let source = Source::argument(&format!("--start {x} {y} {theta}"), Some(base));
+            found.add(argument::assign("odometry.start", &format!("[{x:?}, {y:?}, {theta:?}]"), &source));
         }
         for set in &self.sets {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));

@@ -12,7 +12,7 @@ use anyhow::{Context, Result};
 use echogrid_service::lifeline::LIFELINE_VARIABLE;
 use echogrid_service::logging::{FILTER_VARIABLE, FORMAT_VARIABLE};
 use echogrid_service::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, SERVICE_VARIABLE};
-use echogrid_service::process::NO_GRAPH;
+use echogrid_service::process::{IN_VAIN, NO_GRAPH};
 use echogrid_topics::{Health, ServiceState};
 use nix::sys::signal::{Signal, kill};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, pidfd_open, prlimit, setpriority_process};
@@ -127,6 +127,11 @@ impl Process {
     /// Whether it said that it could not enter the graph.
     pub(super) fn found_no_graph(&self) -> bool {
         self.status.and_then(|status| status.code()) == Some(i32::from(NO_GRAPH))
+    }
+
+    /// Whether it failed for a reason that another process would meet, too.
+    pub(super) fn failed_in_vain(&self) -> bool {
+        self.status.and_then(|status| status.code()) == Some(i32::from(IN_VAIN))
     }
 
     /// Whether it has said that it is ready.

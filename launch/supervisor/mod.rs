@@ -297,6 +297,9 @@ impl<'a> Supervisor<'a> {
         let decision =
             policy::decide(graph.supervision, restart, self.ending.is_some(), &mut unit.recent, Instant::now());
         match decision {
+            Decision::Restart(..) if unit.process.as_ref().is_some_and(Process::failed_in_vain) => {
+                self.given_up(index, why, String::new(), observer)?;
+            }
             Decision::Restart(after, number) => {
                 unit.restarts += 1;
                 observer.event(&Event::Restarting { name: &unit.name, why, number, after });
@@ -309,18 +312,10 @@ impl<'a> Supervisor<'a> {
                     self.rebuild("a service could not enter the graph three times in a row", observer)?;
                 }
             }
-            Decision::GiveUp(_) if !unit.service.care.required => {
-                unit.stage = Stage::Lost;
-                self.go_on_without(index, why, observer)?;
-            }
             Decision::GiveUp(policy) => {
-                unit.stage = Stage::Lost;
                 let policy =
                     if restart == crate::config::Restart::Never { String::new() } else { format!("; {policy}") };
-                let failure = format!("{}: {why}{policy}", unit.name);
-                self.outcome.failures.push(failure);
-                let kind = unit.kind;
-                self.end_after_failure(kind);
+                self.given_up(index, why, policy, observer)?;
             }
             Decision::Leave => {
                 unit.stage = Stage::Lost;
@@ -332,6 +327,19 @@ impl<'a> Supervisor<'a> {
                 self.end_after_failure(kind);
             }
         }
+        Ok(())
+    }
+
+    /// A service is not started again; the graph goes on without it if it can.
+    fn given_up(&mut self, index: usize, why: &str, policy: String, observer: &mut dyn Observer) -> Result<()> {
+        let unit = &mut self.units[index];
+        unit.stage = Stage::Lost;
+        if !unit.service.care.required {
+            return self.go_on_without(index, why, observer);
+        }
+        self.outcome.failures.push(format!("{}: {why}{policy}", unit.name));
+        let kind = unit.kind;
+        self.end_after_failure(kind);
         Ok(())
     }
 

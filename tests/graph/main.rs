@@ -11,6 +11,7 @@ mod drive;
 mod experiment;
 mod failure;
 mod filters;
+mod frames;
 mod harness;
 mod kills;
 mod localization;

@@ -133,13 +133,7 @@ impl Asks {
         let guess = self.fixed.map_or(odom_from_base, |(odom_from_fixed, map_from_fixed)| {
             map_from_fixed * (odom_from_fixed.inverse() * odom_from_base)
         });
-        let estimate = PoseEstimate {
-            estimate: Estimate::certain(guess),
-            trust: 1.0,
-            distance_m: 0.0,
-            degraded: false,
-            hold: false,
-        };
+        let estimate = PoseEstimate::plain(Estimate::certain(guess), 1.0, 0.0);
         let request = LocalizationRequest { id: self.poses, estimate, reason: Reason::Schedule };
         self.tell(stamp_ns, Message::Request(Box::new(request)))
     }

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::quality::Truth;
-use echogrid_core::{Grid, Quality, World};
+use echogrid_core::{Grid, Pose2, Quality, World};
 use echogrid_formats::world;
 
+use super::super::align::{Align, best};
 use super::super::observer::{Observer, Seen};
 use crate::config::{Config, LoadRequest};
 use crate::in_process;
@@ -24,7 +25,7 @@ pub(super) enum Drive {
     /// A simulated robot in a world.
     Simulated { world: String, seed: u64 },
     /// A log that knows where the robot really was.
-    Logged { log: PathBuf, world: PathBuf },
+    Logged { log: PathBuf, world: PathBuf, align: Align },
 }
 
 /// The drives of these worlds, with so many seeds each.
@@ -55,19 +56,21 @@ fn floors(name: &str) -> Result<Option<Vec<String>>> {
 }
 
 /// A log and its world, as in `LOG=WORLD`.
-pub(super) fn logged(named: &str) -> Result<Drive> {
+pub(super) fn logged(named: &str, align: Align) -> Result<Drive> {
     let Some((log, world)) = named.split_once('=') else {
         bail!(
             "--log {named}: expected LOG=WORLD, a log that knows where the robot really was and the world that it drove in"
         );
     };
-    Ok(Drive::Logged { log: log.into(), world: world.into() })
+    Ok(Drive::Logged { log: log.into(), world: world.into(), align })
 }
 
 /// A drive, and what a map of it should show.
 pub(super) struct Lesson {
     drive: Drive,
     truth: Truth,
+    /// Where in the world the log begins, if its map is to be laid there.
+    start: Option<Pose2>,
 }
 
 impl Lesson {
@@ -81,12 +84,28 @@ impl Lesson {
             extent.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 0.0;
         }
         let truth = Truth::of(&world, &seen.true_path, &extent)?;
-        Ok(Self { drive: drive.clone(), truth })
+        let start = match (drive, seen.pairs.first()) {
+            (Drive::Logged { align: Align::Start | Align::Best, .. }, Some((pose, true_pose))) => {
+                Some(*true_pose * pose.inverse() * seen.first)
+            }
+            _ => None,
+        };
+        Ok(Self { drive: drive.clone(), truth, start })
     }
 
     /// How good a map of it is that is made so.
     pub(super) fn judge(&self, sets: &[String]) -> Result<Quality> {
-        Ok(Quality::against(&self.drive.map(sets)?.grid, &self.truth)?)
+        let Some(start) = self.start else { return Ok(Quality::against(&self.drive.map(sets)?.grid, &self.truth)?) };
+        let from = |start: Pose2| {
+            let Pose2 { x, y, theta } = start;
+            let begin = format!("odometry.start=[{x:?}, {y:?}, {theta:?}]");
+            self.drive.map(&std::iter::once(begin).chain(sets.iter().cloned()).collect::<Vec<_>>())
+        };
+        let mut seen = from(start)?;
+        if matches!(self.drive, Drive::Logged { align: Align::Best, .. }) {
+            seen = from(best(&seen.pairs).inverse() * start)?;
+        }
+        Ok(Quality::against(&seen.grid, &self.truth)?)
     }
 }
 

@@ -19,6 +19,7 @@ use self::learn::Lessons;
 use self::method::{Method, Schedule};
 use self::report::{Report, Row, Table};
 use self::workload::Workload;
+use super::align::Align;
 use crate::cli::Goal;
 use crate::config::{Config, LoadRequest};
 
@@ -27,6 +28,7 @@ pub(super) struct Request {
     pub(super) worlds: Vec<String>,
     pub(super) seeds: u64,
     pub(super) logs: Vec<String>,
+    pub(super) align: Align,
     pub(super) workload: Option<PathBuf>,
     pub(super) out: Option<PathBuf>,
     pub(super) learn: Vec<String>,
@@ -45,7 +47,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     let schedules = method::schedules(&request.fixes)?;
     let drives = drive::simulated(&request.worlds, request.seeds)?;
     let learn_on = drive::simulated(&request.learn, request.seeds)?;
-    let logs = request.logs.iter().map(|log| drive::logged(log)).collect::<Result<Vec<Drive>>>()?;
+    let logs = request.logs.iter().map(|log| drive::logged(log, request.align)).collect::<Result<Vec<Drive>>>()?;
     let workload = request.workload.as_deref().map(Workload::read).transpose()?;
 
     let lessons = |drives: &[Drive]| jobs::run("drive", drives, |drive| Lesson::of(drive, &request.sets));
@@ -75,7 +77,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
         let about = named.rsplit('/').next().unwrap_or(named).to_owned();
         let name = named.split('=').next().and_then(|log| log.rsplit('/').next()).unwrap_or_default();
         tables.push(Table {
-            about: format!("{name} in {about}"),
+            about: format!("{name} in {about}, {}", request.align.words()),
             rows: judge(&lessons(&[log])?, &methods, &schedules, sets_of)?,
         });
     }

@@ -83,6 +83,9 @@ fn map_info(info: &MapInfo) -> Value {
         "held": info.held,
         "fixes": info.fixes,
         "fixes_refused": info.fixes_refused,
+        "unplaced": info.unplaced,
+        "leaps": info.leaps,
+        "contradictions": info.contradictions,
         "sonars": info.sonars.iter().map(verdicts).collect::<Vec<_>>(),
     })
 }

@@ -146,8 +146,20 @@ pub(crate) static SIMULATOR: Section = Section {
 
 pub(crate) static ODOMETRY: Section = Section {
     name: "odometry",
-    about: "the odometry error model (eqs 1 to 4)",
+    about: "where the odometry begins, and its error model (eqs 1 to 4)",
     keys: &[
+        words(
+            "start",
+            &["auto", "odometry"],
+            "\"auto\", \"odometry\" or [x, y, theta] in metres and radians",
+            "where in the map it begins: [x, y, theta]; odometry: its frame is the map's; auto: as the first fix says, else odometry",
+        ),
+        words(
+            "poses",
+            &["drive", "exact"],
+            "one of drive, exact",
+            "exact: poses that do not drift (a SLAM's, motion capture): no error, whatever the keys below say",
+        ),
         words(
             "systematic",
             &["carry", "correct", "off"],

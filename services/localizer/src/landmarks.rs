@@ -12,6 +12,10 @@ use crate::config::LocalizerConfig;
 use crate::source::{Answer, NO_TRUTH, draws, nanoseconds};
 use crate::truth::{Known, Truth};
 
+/// Why sightings that would do later don't at the start.
+const TWO_PLACES: &str = "two places fit the sightings, and nothing says yet which it is (odometry.start, or --start X Y THETA, says \
+                          where the drive begins)";
+
 /// Surveyed landmarks, and how they are measured.
 #[derive(Debug)]
 pub(crate) struct Landmarks {
@@ -43,6 +47,8 @@ impl Landmarks {
             },
         };
         match triangulate(&sightings, request.estimate.estimate.pose) {
+            // Where the map lies is not known: the guess is in another frame.
+            Ok(found) if found.guess_decided && request.estimate.unplaced => Answer::Unknown(TWO_PLACES.to_owned()),
             Ok(found) => Answer::Fix(Fix {
                 pose: found.pose,
                 covariance: found.covariance,
@@ -118,7 +124,7 @@ mod tests {
 
     fn request(id: u64) -> LocalizationRequest {
         let estimate = Estimate::certain(Pose2::new(0.3, -0.2, 0.1));
-        let estimate = PoseEstimate { estimate, trust: 0.1, distance_m: 1.0, degraded: true, hold: true };
+        let estimate = PoseEstimate { degraded: true, hold: true, ..PoseEstimate::plain(estimate, 0.1, 1.0) };
         LocalizationRequest { id, estimate, reason: Reason::Degraded }
     }
 

@@ -164,7 +164,7 @@ mod tests {
 
     fn request(id: u64) -> Message {
         let estimate = Estimate::certain(Pose2::IDENTITY);
-        let estimate = PoseEstimate { estimate, trust: 0.1, distance_m: 1.0, degraded: true, hold: true };
+        let estimate = PoseEstimate { degraded: true, hold: true, ..PoseEstimate::plain(estimate, 0.1, 1.0) };
         Message::Request(Box::new(LocalizationRequest { id, estimate, reason: Reason::Degraded }))
     }
 

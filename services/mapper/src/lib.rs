@@ -14,8 +14,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    GridMapper, GridSummary, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary, SensorKind, Tile,
-    TileIndex, Verdict, VerdictCounts,
+    GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary,
+    SensorKind, Tile, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::wire::MAX_SENSORS;
@@ -140,8 +140,17 @@ impl MapperService {
         file.write(&self.config, kept).map(Some)
     }
 
-    /// Integrates every waiting scan whose poses are known by now.
+    /// Integrates every waiting scan whose poses are known by now. While nothing has said where the map lies they wait, but
+    /// for the oldest of too many.
     fn integrate_bracketed(&mut self, out: &mut Outbox) {
+        if self.trajectory.is_unplaced() {
+            let mut waiting: usize = self.waiting.iter().map(|scan| scan.readings.len()).sum();
+            while waiting > self.config.remap_readings_max as usize {
+                waiting -= self.waiting.front().map_or(0, |scan| scan.readings.len());
+                self.integrate_oldest(out);
+            }
+            return;
+        }
         while self.waiting.front().is_some_and(|scan| self.trajectory.reaches(scan.end_ns())) {
             self.integrate_oldest(out);
         }
@@ -292,6 +301,9 @@ impl MapperService {
             held: self.paused || latest.is_some_and(|latest| latest.hold),
             fixes: latest.map_or(0, |latest| latest.estimate.fixes),
             fixes_refused: latest.map_or(0, |latest| latest.estimate.refused),
+            unplaced: self.trajectory.is_unplaced(),
+            leaps: latest.map_or_else(Incidents::default, |latest| latest.leaps),
+            contradictions: latest.map_or_else(Incidents::default, |latest| latest.contradictions),
             sonars: self.sonar_counts.clone(),
         }
     }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use echogrid_core::{Chunks, Estimate, Parts, Saved, SavedError};
+use echogrid_core::{Chunks, Estimate, Parts, Saved, SavedError, placed};
 use echogrid_topics::PoseEstimate;
 use serde::{Deserialize, Serialize};
 
@@ -28,6 +28,9 @@ pub(crate) struct Trajectory {
 /// Under what the estimates are saved, by so many.
 const PREFIX: &str = "trajectory/";
 const CHUNK: u64 = 256;
+
+/// Most estimates that are kept for scans that may yet come: twenty minutes at 100 Hz.
+const WAITING_MAX: usize = 1 << 17;
 
 /// What is saved besides the estimates.
 #[derive(Debug, Serialize, Deserialize)]
@@ -68,10 +71,36 @@ impl Trajectory {
         if last.is_some_and(|(last_ns, _)| stamp_ns < *last_ns) {
             return;
         }
-        if let Some((_, last)) = last.filter(|(_, last)| last.estimate.fixes != estimate.estimate.fixes) {
+        if last.is_some_and(|(_, last)| last.unplaced && !estimate.unplaced) {
+            self.place(&estimate);
+        } else if let Some((_, last)) = last.filter(|(_, last)| last.estimate.fixes != estimate.estimate.fixes) {
             self.fixes.push_back(Rectified { stamp_ns, before: last.estimate, after: estimate.estimate });
         }
         self.estimates.push_back((stamp_ns, estimate));
+        if self.estimates.len() > WAITING_MAX {
+            self.estimates.pop_front();
+            self.forgotten += 1;
+        }
+    }
+
+    /// Lays the way so far where the map lies, now that `first` is the first estimate that knows it.
+    fn place(&mut self, first: &PoseEstimate) {
+        let Some((_, before)) = self.estimates.back() else { return };
+        let before = before.estimate;
+        let is_unplaced = |estimate: &PoseEstimate| estimate.unplaced;
+        let way: Vec<Estimate> =
+            self.estimates.iter().filter(|(_, at)| is_unplaced(at)).map(|(_, at)| at.estimate).collect();
+        let placed = placed(&way, &before, &first.estimate);
+        let slots = (self.forgotten..).zip(&mut self.estimates).filter(|(_, (_, at))| is_unplaced(at));
+        for ((place, (_, at)), estimate) in slots.zip(placed) {
+            (at.estimate, at.unplaced) = (estimate, false);
+            self.chunks.replace(place);
+        }
+    }
+
+    /// Whether nothing has said yet where the map lies.
+    pub(crate) fn is_unplaced(&self) -> bool {
+        self.latest().is_some_and(|latest| latest.unplaced)
     }
 
     /// The oldest fix before `stamp_ns`; it is given once.
@@ -91,11 +120,11 @@ impl Trajectory {
         let after = self.estimates.partition_point(|(estimate_ns, _)| *estimate_ns < stamp_ns);
         let (after_ns, later) = self.estimates.get(after)?;
         if *after_ns == stamp_ns {
-            return Some((later.estimate, later.hold));
+            return Some((later.estimate, later.hold || later.unplaced));
         }
         let (before_ns, earlier) = self.estimates.get(after.checked_sub(1)?)?;
         let fraction = (stamp_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
-        Some((earlier.estimate.interpolate(&later.estimate, fraction), earlier.hold))
+        Some((earlier.estimate.interpolate(&later.estimate, fraction), earlier.hold || earlier.unplaced))
     }
 
     /// Lets go of what no scan from `stamp_ns` on can need.
@@ -120,7 +149,7 @@ mod tests {
 
     fn at_x(x: f64) -> PoseEstimate {
         let estimate = Estimate::certain(Pose2::new(x, 0.0, 0.0));
-        PoseEstimate { estimate, trust: 1.0, distance_m: x, degraded: false, hold: false }
+        PoseEstimate::plain(estimate, 1.0, x)
     }
 
     fn trajectory(points: &[(u64, f64)]) -> Trajectory {
@@ -171,6 +200,20 @@ mod tests {
         let fix = trajectory.fix_before(201).unwrap();
         assert_eq!((fix.stamp_ns, fix.before.pose.x, fix.after.pose.x), (200, 1.0, 5.0));
         assert_eq!(trajectory.fix_before(u64::MAX), None);
+    }
+
+    #[test]
+    fn the_way_before_the_first_fix_ends_at_it() {
+        let mut trajectory = Trajectory::default();
+        for (stamp_ns, x) in [(100, 0.0), (200, 1.0), (300, 2.0)] {
+            trajectory.push(stamp_ns, PoseEstimate { unplaced: true, ..at_x(x) });
+        }
+        assert!(trajectory.is_unplaced() && trajectory.at(150).is_some_and(|(_, hold)| hold));
+        let fixed = Estimate { fixes: 1, ..Estimate::certain(Pose2::new(5.0, 7.0, core::f64::consts::FRAC_PI_2)) };
+        trajectory.push(300, PoseEstimate { estimate: fixed, ..at_x(2.0) });
+        assert!(!trajectory.is_unplaced() && trajectory.fix_before(u64::MAX).is_none());
+        let (at, hold) = trajectory.at(150).unwrap();
+        assert!(!hold && at.pose.distance_m(Pose2::new(5.0, 5.5, 0.0)) < 1e-12, "{at:?}");
     }
 
     #[test]

@@ -62,7 +62,7 @@ fn drive() -> Vec<Event> {
         }
         for estimate in said {
             let (distance_m, hold) = (0.05 * sequence as f64, sequence % 60 > 55);
-            let estimate = PoseEstimate { estimate, trust: 0.9, distance_m, degraded: hold, hold };
+            let estimate = PoseEstimate { degraded: hold, hold, ..PoseEstimate::plain(estimate, 0.9, distance_m) };
             estimates += 1;
             late.push(Event::Take(estimates, stamp_ns, Message::Estimate(estimate)));
         }

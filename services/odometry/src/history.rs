@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use echogrid_core::localization::{Fix, FixError};
-use echogrid_core::{Estimate, Gate, Odometry, Pose2};
+use echogrid_core::odometry::Contradiction;
+use echogrid_core::{Estimate, Gate, Leap, Odometry, Pose2};
 use serde::{Deserialize, Serialize};
 
 /// Poses that are remembered: 20 s at 100 Hz.
@@ -13,8 +14,20 @@ const REMEMBERED: usize = 2048;
 struct Moment {
     stamp_ns: u64,
     odom_from_base: Pose2,
+    /// How it came here, if not by driving.
+    leap: Option<Leap>,
     /// The odometry after this pose.
     after: Odometry,
+}
+
+impl Moment {
+    /// Takes `odometry` here from the pose before.
+    fn reach(&self, odometry: &mut Odometry) -> Estimate {
+        match &self.leap {
+            Some(leap) => odometry.leapt(self.odom_from_base, leap),
+            None => odometry.step(self.odom_from_base),
+        }
+    }
 }
 
 /// What a fix has made of the odometry.
@@ -24,6 +37,8 @@ pub(crate) struct Applied {
     /// At the latest pose.
     pub(crate) estimate: Estimate,
     pub(crate) refused: Option<FixError>,
+    /// How far the fix is off beyond what the odometry can be.
+    pub(crate) contradiction: Option<Contradiction>,
 }
 
 /// The latest poses, and the odometry after each.
@@ -33,11 +48,11 @@ pub(crate) struct History {
 }
 
 impl History {
-    pub(crate) fn push(&mut self, stamp_ns: u64, odom_from_base: Pose2, after: &Odometry) {
+    pub(crate) fn push(&mut self, stamp_ns: u64, odom_from_base: Pose2, leap: Option<Leap>, after: &Odometry) {
         if self.moments.len() == REMEMBERED {
             self.moments.pop_front();
         }
-        self.moments.push_back(Moment { stamp_ns, odom_from_base, after: after.clone() });
+        self.moments.push_back(Moment { stamp_ns, odom_from_base, leap, after: after.clone() });
     }
 
     /// Stamp of the latest pose, nanoseconds.
@@ -60,10 +75,11 @@ impl History {
         };
         let at = later.checked_sub(1).and_then(|index| self.moments.get(index)).ok_or_else(too_old)?;
         let mut odometry = at.after.clone();
-        if let Some(next) = self.moments.get(later).filter(|_| at.stamp_ns < fix_ns) {
-            let fraction = (fix_ns - at.stamp_ns) as f64 / (next.stamp_ns - at.stamp_ns) as f64;
-            odometry.step(at.odom_from_base.interpolate(next.odom_from_base, fraction));
+        let next = self.moments.get(later).filter(|next| at.stamp_ns < fix_ns && next.leap.is_none());
+        if let Some(next) = next {
+            odometry.step(between(at, next, fix_ns));
         }
+        let contradiction = odometry.contradiction(fix, gate);
         let (mut estimate, refused) = match odometry.apply(fix, gate) {
             Ok(estimate) => (estimate, None),
             // That it was refused is remembered, too.
@@ -72,12 +88,29 @@ impl History {
         let first = if at.stamp_ns == fix_ns { later - 1 } else { later };
         for (index, moment) in self.moments.iter_mut().enumerate().skip(first) {
             if index >= later {
-                estimate = odometry.step(moment.odom_from_base);
+                estimate = moment.reach(&mut odometry);
             }
             moment.after = odometry.clone();
         }
-        Ok(Applied { odometry, estimate, refused })
+        Ok(Applied { odometry, estimate, refused, contradiction })
     }
+
+    /// The robot in the frame of its odometry at `stamp_ns`; none before what is remembered, or after it.
+    pub(crate) fn odom_from_base(&self, stamp_ns: u64) -> Option<Pose2> {
+        let later = self.moments.partition_point(|moment| moment.stamp_ns <= stamp_ns);
+        let at = self.moments.get(later.checked_sub(1)?)?;
+        match self.moments.get(later) {
+            _ if at.stamp_ns == stamp_ns => Some(at.odom_from_base),
+            Some(next) => Some(between(at, next, stamp_ns)),
+            None => None,
+        }
+    }
+}
+
+/// The robot in the frame of its odometry at `stamp_ns`, which is from `at` on and before `next`.
+fn between(at: &Moment, next: &Moment, stamp_ns: u64) -> Pose2 {
+    let fraction = (stamp_ns - at.stamp_ns) as f64 / (next.stamp_ns - at.stamp_ns) as f64;
+    at.odom_from_base.interpolate(next.odom_from_base, fraction)
 }
 
 #[cfg(test)]
@@ -86,7 +119,7 @@ mod tests {
 
     use super::*;
 
-    const OPEN: Gate = Gate { sigmas: 5.0, refuses: false };
+    const OPEN: Gate = Gate { sigmas: 5.0, refuses: false, places: false };
 
     /// 1 m every 100 ns along x, believed to be at y = 0.
     fn history(poses: u64) -> (History, Odometry) {
@@ -95,7 +128,7 @@ mod tests {
         for index in 0..poses {
             let pose = Pose2::new(index as f64, 0.0, 0.0);
             odometry.step(pose);
-            history.push(100 * index, pose, &odometry);
+            history.push(100 * index, pose, None, &odometry);
         }
         (history, odometry)
     }

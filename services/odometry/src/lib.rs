@@ -7,9 +7,13 @@ mod nominal;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use echogrid_core::localization::{Asking, Choice, Fix};
+use echogrid_core::localization::{Ask, Asking, Choice, Fix, Reason};
+use echogrid_core::odometry::Contradiction;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_core::{Estimate, Gate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
+use echogrid_core::{
+    DrivePose, Estimate, Gate, Incidents, Leap, Leaps, LocalizationConfig, MapperConfig, Odometry, OdometryConfig,
+    Placing, Pose2, Robot,
+};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
@@ -43,6 +47,11 @@ struct State {
     asked: Option<Asked>,
     /// A fix of a time that odometry has not reached.
     early: Option<(u64, Fix)>,
+    /// While nothing has said yet where the map lies.
+    placing: Option<Placing>,
+    leaps: Leaps,
+    leapt: Incidents,
+    contradictions: Incidents,
 }
 
 /// The odometry service.
@@ -67,16 +76,26 @@ impl OdometryService {
     ) -> Result<Self> {
         config.validate().context("[odometry]")?;
         localization.validate().context("[localization]")?;
+        let is_asked = has_localizer && localization.ask != Ask::Never;
+        let is_open = config.start.is_open() && is_asked;
+        let mut asking = has_localizer.then(|| Asking::new(localization));
+        if let Some(asking) = asking.as_mut().filter(|_| is_open) {
+            asking.urge(Reason::Start);
+        }
         let state = State {
             odometry: Odometry::new(config),
             sensor: NominalSensor::of(&Robot::default()),
             estimate: None,
             distance_m: 0.0,
             history: History::default(),
-            asking: has_localizer.then(|| Asking::new(localization)),
+            asking,
             requests: 0,
             asked: None,
             early: None,
+            placing: is_open.then(Placing::default),
+            leaps: Leaps::default(),
+            leapt: Incidents::default(),
+            contradictions: Incidents::default(),
         };
         Ok(Self { resolution_m, config: localization.clone(), state })
     }
@@ -93,15 +112,40 @@ impl OdometryService {
 
     fn moved(&mut self, stamp_ns: u64, raw: &RawOdometry, out: &mut Outbox) {
         let before = self.state.estimate.map(|estimate| estimate.pose);
-        let estimate = self.state.odometry.step(raw.odom_from_base);
+        let RawOdometry { odom_from_base, v_mps, w_radps } = *raw;
+        let leap = self.state.leaps.next(DrivePose { stamp_ns, odom_from_base, v_mps, w_radps });
+        let estimate = match &leap {
+            Some(leap) => {
+                self.leapt(stamp_ns, leap);
+                self.state.odometry.leapt(odom_from_base, leap)
+            }
+            None => self.state.odometry.step(odom_from_base),
+        };
         self.state.distance_m += before.map_or(0.0, |before: Pose2| before.distance_m(estimate.pose));
-        self.state.history.push(stamp_ns, raw.odom_from_base, &self.state.odometry);
+        self.state.history.push(stamp_ns, odom_from_base, leap, &self.state.odometry);
         let told = self.tell(stamp_ns, estimate, out);
         if let Some((fix_ns, fix)) = self.state.early.filter(|(fix_ns, _)| *fix_ns <= stamp_ns) {
             self.state.early = None;
-            self.rectify(fix_ns, &fix, self.gate(), out);
+            self.take(fix_ns, &fix, out);
         } else {
             self.ask(stamp_ns, told, out);
+        }
+    }
+
+    /// Counts a leap, and asks where the robot is now.
+    fn leapt(&mut self, stamp_ns: u64, leap: &Leap) {
+        self.state.leapt.add(stamp_ns, leap.length_m, leap.turn_rad);
+        if Incidents::is_worth_a_line(self.state.leapt.count) {
+            tracing::warn!(
+                leaps = self.state.leapt.count,
+                stamp_s = stamp_ns as f64 * 1e-9,
+                "the odometry leapt by {:.2} m and {:.0}°, which no drive does",
+                leap.length_m,
+                leap.turn_rad.to_degrees()
+            );
+        }
+        if let Some(asking) = &mut self.state.asking {
+            asking.urge(Reason::Leap);
         }
     }
 
@@ -111,7 +155,14 @@ impl OdometryService {
         let trust = self.state.sensor.trust(&estimate.errors, self.resolution_m);
         let degraded = self.config.is_degraded(trust);
         let hold = degraded && self.config.hold.resolve(self.state.asking.is_some());
-        let told = PoseEstimate { estimate, trust, distance_m: self.state.distance_m, degraded, hold };
+        let told = PoseEstimate {
+            degraded,
+            hold,
+            unplaced: self.state.placing.is_some(),
+            leaps: self.state.leapt,
+            contradictions: self.state.contradictions,
+            ..PoseEstimate::plain(estimate, trust, self.state.distance_m)
+        };
         out.send(stamp_ns, Message::Estimate(told.clone()));
         told
     }
@@ -143,12 +194,8 @@ impl OdometryService {
             self.state.asked = None;
         }
         match (answer.fix, self.state.history.latest_ns()) {
-            (None, latest_ns) => {
-                if let Some(asking) = &mut self.state.asking {
-                    asking.failed(latest_ns.unwrap_or(stamp_ns));
-                }
-            }
-            (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.rectify(stamp_ns, &fix, self.gate(), out),
+            (None, _) => self.asked_in_vain(stamp_ns),
+            (Some(fix), Some(latest_ns)) if stamp_ns <= latest_ns => self.take(stamp_ns, &fix, out),
             (Some(fix), _) => self.state.early = Some((stamp_ns, fix)),
         }
     }
@@ -158,14 +205,35 @@ impl OdometryService {
         Gate::closed(self.config.gate_sigmas)
     }
 
+    /// Takes a fix from whoever is not the user: the first says where the map lies, alone or with the one after it.
+    fn take(&mut self, fix_ns: u64, fix: &Fix, out: &mut Outbox) {
+        let Some(placing) = &mut self.state.placing else { return self.rectify(fix_ns, fix, self.gate(), out) };
+        let odom_from_base = self.state.history.odom_from_base(fix_ns);
+        match odom_from_base.and_then(|odom_from_base| placing.place(odom_from_base, fix)) {
+            Some(whole) => self.rectify(fix_ns, &whole, Gate::placing(), out),
+            // Of another place, a little later.
+            None => self.asked_in_vain(fix_ns),
+        }
+    }
+
+    fn asked_in_vain(&mut self, stamp_ns: u64) {
+        if let Some(asking) = &mut self.state.asking {
+            asking.failed(self.state.history.latest_ns().unwrap_or(stamp_ns));
+        }
+    }
+
     /// Applies a fix when it was true, and publishes what that makes of the present.
     fn rectify(&mut self, fix_ns: u64, fix: &Fix, gate: Gate, out: &mut Outbox) {
         let applied = self.state.history.apply(fix_ns, fix, gate);
         let now_ns = self.state.history.latest_ns().unwrap_or(fix_ns);
         let refused = match applied {
-            Ok(Applied { odometry, estimate, refused }) => {
+            Ok(Applied { odometry, estimate, refused, contradiction }) => {
                 self.state.odometry = odometry;
+                if let Some(contradiction) = contradiction {
+                    self.contradicted(fix_ns, &contradiction);
+                }
                 if refused.is_none() {
+                    self.state.placing = None;
                     self.tell(now_ns, estimate, out);
                 }
                 self.state.estimate = Some(estimate);
@@ -174,7 +242,12 @@ impl OdometryService {
             Err(error) => Some(error),
         };
         if let Some(error) = &refused {
-            tracing::warn!(%error, "localization refused");
+            let refusals = self.state.estimate.map_or(1, |estimate| estimate.refused.max(1));
+            if Incidents::is_worth_a_line(refusals) {
+                tracing::warn!(%error, refusals, "localization refused");
+            } else {
+                tracing::debug!(%error, refusals, "localization refused");
+            }
         }
         if let Some(asking) = &mut self.state.asking {
             if refused.is_some() {
@@ -182,6 +255,25 @@ impl OdometryService {
             } else {
                 asking.fixed(now_ns, self.state.distance_m);
             }
+        }
+    }
+}
+
+impl OdometryService {
+    /// Counts a fix that no odometry is so bad to be off by, and says so the first time.
+    fn contradicted(&mut self, fix_ns: u64, found: &Contradiction) {
+        self.state.contradictions.add(fix_ns, found.off_m, found.off_rad);
+        let count = self.state.contradictions.count;
+        if Incidents::is_worth_a_line(count) {
+            tracing::warn!(
+                count,
+                stamp_s = fix_ns as f64 * 1e-9,
+                "fix and odometry contradict each other: {:.2} m and {:.0}° apart after {:.1} m; is the fix of this drive, and in \
+                 metres and radians?",
+                found.off_m,
+                found.off_rad.to_degrees(),
+                found.travel_m
+            );
         }
     }
 }

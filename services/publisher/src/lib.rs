@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, Tile};
-use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance};
+use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance, main_part};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
@@ -81,6 +81,16 @@ impl PublisherService {
         let (doubt, path) = (self.doubt.clone(), self.path.points());
         let document = MapDocument { grid: grid.clone(), doubt, path, provenance: self.provenance.clone() };
         self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
+        match main_part(&document) {
+            Ok(None) => {}
+            Ok(Some((_, tiles))) => {
+                tracing::warn!(
+                    tiles,
+                    "parts of the map lie too far away for a picture: all but map.echogrid show the main part"
+                );
+            }
+            Err(error) => tracing::warn!(%error, "only map.echogrid can hold the map"),
+        }
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
         }
@@ -108,7 +118,8 @@ impl Service for PublisherService {
                     Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
                 }
             }
-            Input::Message { stamp_ns, message: Message::Estimate(PoseEstimate { estimate, trust, .. }), .. } => {
+            Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } if !estimate.unplaced => {
+                let PoseEstimate { estimate, trust, .. } = estimate;
                 self.path.follow(PathPoint { stamp_ns, pose: estimate.pose, trust });
             }
             Input::Message { .. } => {}

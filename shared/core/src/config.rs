@@ -5,8 +5,9 @@
 
 use core::fmt::Display;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::pose::Pose2;
 use crate::robot::SensorKind;
 
 /// A value out of its range.
@@ -55,10 +56,101 @@ pub enum Noise {
     OneSigma,
 }
 
-/// `[odometry]`: the error model (eqs 1–4).
+/// Where in the map the odometry begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    /// By a word.
+    Word(StartWord),
+    /// The robot's first pose in the map: x and y in metres, θ in radians.
+    Pose([f64; 3]),
+}
+
+/// [`Start`] as it is written: a word or a list.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum WrittenStart {
+    Word(StartWord),
+    Pose([f64; 3]),
+}
+
+/// [`Start`] in a saved state, whose format tells no type.
+#[derive(Serialize, Deserialize)]
+enum SavedStart {
+    Word(StartWord),
+    Pose([f64; 3]),
+}
+
+impl Serialize for Start {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match (*self, serializer.is_human_readable()) {
+            (Self::Word(word), true) => WrittenStart::Word(word).serialize(serializer),
+            (Self::Pose(pose), true) => WrittenStart::Pose(pose).serialize(serializer),
+            (Self::Word(word), false) => SavedStart::Word(word).serialize(serializer),
+            (Self::Pose(pose), false) => SavedStart::Pose(pose).serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Start {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        if deserializer.is_human_readable() {
+            return Ok(match WrittenStart::deserialize(deserializer)? {
+                WrittenStart::Word(word) => Self::Word(word),
+                WrittenStart::Pose(pose) => Self::Pose(pose),
+            });
+        }
+        Ok(match SavedStart::deserialize(deserializer)? {
+            SavedStart::Word(word) => Self::Word(word),
+            SavedStart::Pose(pose) => Self::Pose(pose),
+        })
+    }
+}
+
+impl Start {
+    /// The robot's first pose in the map, where it is given.
+    #[must_use]
+    pub fn pose(self) -> Option<Pose2> {
+        match self {
+            Self::Word(_) => None,
+            Self::Pose([x, y, theta]) => Some(Pose2::new(x, y, theta)),
+        }
+    }
+
+    /// Whether nobody has said where in the map the odometry begins.
+    #[must_use]
+    pub fn is_open(self) -> bool {
+        self == Self::Word(StartWord::Auto)
+    }
+}
+
+/// The words of [`Start`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StartWord {
+    /// Where the first fix says; where nobody is asked for one, as `odometry`.
+    Auto,
+    /// Where the odometry says: its frame is the map's.
+    Odometry,
+}
+
+/// Whose poses the odometry is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Poses {
+    /// Of a drive, which drifts.
+    Drive,
+    /// Of something that does not: a SLAM, motion capture. They have no error, and a leap of theirs is a correction.
+    Exact,
+}
+
+/// `[odometry]`: where it begins, and the error model (eqs 1–4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct OdometryConfig {
+    /// Where in the map it begins.
+    pub start: Start,
+    /// Whose poses it is; exact ones have no error, whatever the keys below say.
+    pub poses: Poses,
     /// What is done with the systematic error.
     pub systematic: Systematic,
     /// a_l of eq 1, metres of error per metre.
@@ -90,6 +182,8 @@ pub struct OdometryConfig {
 impl Default for OdometryConfig {
     fn default() -> Self {
         Self {
+            start: Start::Word(StartWord::Auto),
+            poses: Poses::Drive,
             systematic: Systematic::Off,
             lin_scale: 0.09,
             lin_offset_m: 0.0,
@@ -108,11 +202,26 @@ impl Default for OdometryConfig {
 }
 
 impl OdometryConfig {
+    /// What it comes to: exact poses have no error.
+    #[must_use]
+    pub fn resolved(&self) -> Self {
+        match self.poses {
+            Poses::Drive => self.clone(),
+            Poses::Exact => {
+                Self { systematic: Systematic::Off, k_ll: 0.0, k_lt: 0.0, k_tt: 0.0, k_tl: 0.0, ..self.clone() }
+            }
+        }
+    }
+
     /// Every value within its range, or the first that is not.
     ///
     /// # Errors
     /// Names the key, what it is and what it should be.
     pub fn validate(&self) -> Result<(), ConfigError> {
+        if let Start::Pose(pose) = self.start {
+            const POSE: &str = "[x, y, θ]: metres within ±1e6, and radians within ±1e6";
+            ConfigError::unless(pose.iter().all(|value| value.abs() <= 1e6), "start", format_args!("{pose:?}"), POSE)?;
+        }
         const SCALE: &str = "a number between -1 and 1";
         const FINITE: &str = "a finite number";
         const NOT_NEGATIVE: &str = "a finite number, 0 or more";

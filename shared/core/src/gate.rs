@@ -15,8 +15,8 @@ use crate::pose::Pose2;
 const AGREEING: u32 = 3;
 /// So many refused fixes in a row are believed, whatever they say: who is sure of itself and wrong must not refuse for ever.
 const IN_A_ROW: u32 = 10;
-/// What the scales may be off by when refused fixes are compared: a robot that nobody calibrated is no better.
-const UNCALIBRATED: f64 = 0.1;
+/// What the scales may be off by when fixes are compared: a robot that nobody calibrated is no better.
+pub(crate) const UNCALIBRATED: f64 = 0.1;
 
 /// What becomes of a fix that is too far off.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +25,8 @@ pub struct Gate {
     pub sigmas: f64,
     /// Whether it is refused then. If not, or if it is exact, it takes the place of what was believed.
     pub refuses: bool,
+    /// Whether every fix takes the place of what was believed: nothing has said yet where the map lies.
+    pub places: bool,
 }
 
 impl Gate {
@@ -34,13 +36,19 @@ impl Gate {
     /// Refuses what is farther off than `sigmas`; 0: nothing.
     #[must_use]
     pub fn closed(sigmas: f64) -> Self {
-        Self { sigmas, refuses: true }
+        Self { sigmas, refuses: true, places: false }
     }
 
     /// Refuses nothing: for who knows better.
     #[must_use]
     pub fn open() -> Self {
-        Self { sigmas: Self::DEFAULT_SIGMAS, refuses: false }
+        Self { sigmas: Self::DEFAULT_SIGMAS, refuses: false, places: false }
+    }
+
+    /// For the fix that says where the map lies.
+    #[must_use]
+    pub fn placing() -> Self {
+        Self { places: true, ..Self::open() }
     }
 
     pub(crate) fn is_too_far(&self, sigmas: f64) -> bool {

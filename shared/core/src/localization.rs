@@ -130,6 +130,10 @@ pub enum Reason {
     Degraded = 1,
     /// It is time.
     Schedule = 2,
+    /// Nothing has said yet where in the map the robot is.
+    Start = 3,
+    /// The odometry leapt.
+    Leap = 4,
 }
 
 impl Display for Reason {
@@ -137,6 +141,8 @@ impl Display for Reason {
         f.write_str(match self {
             Self::Degraded => "degraded",
             Self::Schedule => "by schedule",
+            Self::Start => "at the start",
+            Self::Leap => "after a leap",
         })
     }
 }
@@ -148,13 +154,22 @@ pub struct Asking {
     /// Stamp and odometer of the last fix, or of the start.
     since: Option<(u64, f64)>,
     not_before_ns: u64,
+    /// What it is asked for whatever the schedule says.
+    urgent: Option<Reason>,
 }
 
 impl Asking {
     /// Before the first estimate.
     #[must_use]
     pub fn new(config: &LocalizationConfig) -> Self {
-        Self { config: config.clone(), since: None, not_before_ns: 0 }
+        Self { config: config.clone(), since: None, not_before_ns: 0, urgent: None }
+    }
+
+    /// Asks as soon as it may, until there is a fix.
+    pub fn urge(&mut self, reason: Reason) {
+        if self.config.ask != Ask::Never {
+            self.urgent.get_or_insert(reason);
+        }
     }
 
     /// Whether to ask now, and why; `distance_m` is what the robot has travelled since the start.
@@ -162,6 +177,9 @@ impl Asking {
         let (since_ns, since_m) = *self.since.get_or_insert((stamp_ns, distance_m));
         if stamp_ns < self.not_before_ns {
             return None;
+        }
+        if self.urgent.is_some() {
+            return self.urgent;
         }
         let LocalizationConfig { ask, every_m, every_s, .. } = self.config;
         let due = (every_m > 0.0 && distance_m - since_m >= every_m)
@@ -177,6 +195,7 @@ impl Asking {
     pub fn fixed(&mut self, stamp_ns: u64, distance_m: f64) {
         self.since = Some((stamp_ns, distance_m));
         self.not_before_ns = 0;
+        self.urgent = None;
     }
 
     /// It could not be localized.

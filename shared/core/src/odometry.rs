@@ -8,10 +8,11 @@ use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
-use crate::config::{OdometryConfig, Systematic};
-use crate::gate::{Doubted, Gate};
+use crate::config::{OdometryConfig, Poses, Systematic};
+use crate::gate::{Doubted, Gate, UNCALIBRATED};
 use crate::joint::{self, JointCovariance, Scales};
 use crate::kalman::Innovation;
+use crate::leap::Leap;
 use crate::localization::{Fix, FixError};
 use crate::pose::Pose2;
 
@@ -208,10 +209,11 @@ impl Odometry {
     /// Before the first pose.
     #[must_use]
     pub fn new(config: &OdometryConfig) -> Self {
-        Self { model: ErrorModel::new(config), last: None, left_open: (0.0, 0.0), doubted: None }
+        Self { model: ErrorModel::new(&config.resolved()), last: None, left_open: (0.0, 0.0), doubted: None }
     }
 
-    /// The estimate at the next pose that the drive reports. The first pose is taken as it stands as the map pose.
+    /// The estimate at the next pose that the drive reports. The first pose is taken as it stands as the map pose, unless
+    /// [`OdometryConfig::start`] says where it is.
     ///
     /// A pose that is not finite changes nothing here and comes back as it is in an estimate whose pose is not finite,
     /// so that nothing is mapped from it.
@@ -221,13 +223,55 @@ impl Odometry {
             return Estimate { pose: odom_from_base, ..last };
         }
         let estimate = match self.last {
-            None => self.first(odom_from_base),
+            None => self.first(self.model.config.start.pose().unwrap_or(odom_from_base)),
             Some((odom_from_before, before)) => {
                 self.moved(&before, Increment::between(odom_from_before, odom_from_base))
             }
         };
         self.last = Some((odom_from_base, estimate));
         estimate
+    }
+
+    /// The estimate at a pose that the drive did not get to by driving: the robot is where it was, but for what it may have
+    /// driven meanwhile. That doubt stays until the next fix. Exact poses are believed: theirs is a correction.
+    pub fn leapt(&mut self, odom_from_base: Pose2, leap: &Leap) -> Estimate {
+        let Some((_, before)) = self.last.filter(|_| self.model.config.poses == Poses::Drive) else {
+            return self.step(odom_from_base);
+        };
+        // Where it may be at most is two standard deviations away.
+        let square = |reach: f64| 0.25 * reach * reach;
+        let (lin_m2, ang_rad2) = (square(leap.reach_m), square(leap.reach_rad));
+        self.left_open.0 += lin_m2;
+        self.left_open.1 += ang_rad2;
+        self.doubted = None;
+        let mut after = before;
+        for (place, variance) in [lin_m2, lin_m2, ang_rad2].into_iter().enumerate() {
+            after.covariance[(place, place)] += variance;
+        }
+        after.errors = self.errors(after.travel_m, after.turn_rad);
+        self.last = Some((odom_from_base, after));
+        after
+    }
+
+    /// How far off the fix is from where the robot is now, if no odometry is so bad: beyond the gate, and beyond what a drive
+    /// that nobody calibrated is off by. None while nothing has said where the map lies. The fix, the reference that it is
+    /// taken from, or the odometry is then of another drive, frame or unit; or the robot was carried off.
+    #[must_use]
+    pub fn contradiction(&self, fix: &Fix, gate: Gate) -> Option<Contradiction> {
+        let (_, before) = self.last.filter(|_| fix.validate().is_ok())?;
+        if before.fixes == 0 && self.model.config.start.is_open() {
+            return None;
+        }
+        let innovation = Innovation::of(fix, before.pose, &before.covariance);
+        let off = innovation.off;
+        let found = Contradiction {
+            off_m: libm::hypot(off[0], off[1]),
+            off_rad: off[2].abs(),
+            travel_m: before.travel_m,
+            turn_rad: before.turn_rad,
+        };
+        let gate = Gate { sigmas: if gate.sigmas > 0.0 { gate.sigmas } else { Gate::DEFAULT_SIGMAS }, ..gate };
+        (gate.is_too_far(innovation.sigmas) && found.is_no_drift()).then_some(found)
     }
 
     /// The latest estimate whose pose was finite.
@@ -269,7 +313,7 @@ impl Odometry {
         }
         self.doubted = None;
         let mut after = Estimate { fixes: before.fixes.saturating_add(1), ..before };
-        let replaces = too_far || innovation.sigmas.is_infinite();
+        let replaces = gate.places || too_far || innovation.sigmas.is_infinite();
         if replaces {
             after.covariance = innovation.replace(&before.covariance);
         } else {
@@ -338,6 +382,29 @@ impl Odometry {
             errors: self.errors(travel_m, turn_rad),
             ..*before
         }
+    }
+}
+
+/// A fix and an odometry that can't both be right.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Contradiction {
+    /// From where the robot was believed to be, metres; 0 if the fix has no position.
+    pub off_m: f64,
+    /// From its heading, radians, 0 or more; 0 if the fix has no heading.
+    pub off_rad: f64,
+    /// The way since the fix before, metres.
+    pub travel_m: f64,
+    /// The turn since the fix before, radians.
+    pub turn_rad: f64,
+}
+
+impl Contradiction {
+    /// Whether it is more than a drive drifts that nobody calibrated: wrong by a share of its way and of its turns. What the
+    /// heading is off by at the end, it was by half on the way.
+    fn is_no_drift(&self) -> bool {
+        let turned_rad = UNCALIBRATED * self.turn_rad + 0.05 * self.travel_m.min(2.0) + 0.1;
+        let moved_m = UNCALIBRATED * self.travel_m + 0.5 * turned_rad.min(1.0) * self.travel_m + 0.1;
+        self.off_m > moved_m || self.off_rad > turned_rad
     }
 }
 

@@ -39,6 +39,51 @@ pub fn smooth(way: &[Estimate], before: &Estimate, after: &Estimate) -> Option<V
     Some(smoothed)
 }
 
+/// What `way`, the estimates before anything had said where the map lies, is when the first fix has made `after` of the last of
+/// them, `before`: the same way, laid so that it ends at the fix, and the doubt that grew towards its end grows towards its start.
+#[must_use]
+pub fn placed(way: &[Estimate], before: &Estimate, after: &Estimate) -> Vec<Estimate> {
+    let map_from_odom = after.pose * before.pose.inverse();
+    let turned = rotation(map_from_odom.theta);
+    let told = turned.transpose() * after.covariance * turned;
+    let mut lead: JointCovariance = JointCovariance::identity();
+    let mut next = before;
+    let mut placed = Vec::with_capacity(way.len());
+    for estimate in way.iter().rev() {
+        lead *= between(estimate, next);
+        next = estimate;
+        // What the way from here on adds, seen from its end, and then from here.
+        let gathered = before.covariance - lead * estimate.covariance * lead.transpose();
+        let back = lead.try_inverse().unwrap_or_else(JointCovariance::identity);
+        let doubt = back * (told + gathered) * back.transpose();
+        let left = |at: f64, before: f64, after: f64| (before - at).max(0.0) + after;
+        let (at, end, fixed) = (&estimate.errors, &before.errors, &after.errors);
+        placed.push(Estimate {
+            pose: map_from_odom * estimate.pose,
+            covariance: tidied(turned * doubt * turned.transpose()),
+            travel_m: (before.travel_m - estimate.travel_m).max(0.0),
+            turn_rad: (before.turn_rad - estimate.turn_rad).max(0.0),
+            errors: OdometryErrors {
+                e_lin_m: left(at.e_lin_m, end.e_lin_m, fixed.e_lin_m),
+                e_ang_rad: left(at.e_ang_rad, end.e_ang_rad, fixed.e_ang_rad),
+                eps_lin_m2: left(at.eps_lin_m2, end.eps_lin_m2, fixed.eps_lin_m2),
+                eps_ang_rad2: left(at.eps_ang_rad2, end.eps_ang_rad2, fixed.eps_ang_rad2),
+            },
+            ..*estimate
+        });
+    }
+    placed.reverse();
+    placed
+}
+
+/// Of the state, by `theta_rad` about the origin.
+fn rotation(theta_rad: f64) -> JointCovariance {
+    let (s, c) = libm::sincos(theta_rad);
+    let mut turned = JointCovariance::identity();
+    (turned[(0, 0)], turned[(0, 1)], turned[(1, 0)], turned[(1, 1)]) = (c, -s, s, c);
+    turned
+}
+
 /// How the later of two estimates depends on the earlier.
 fn between(earlier: &Estimate, later: &Estimate) -> JointCovariance {
     let made = Increment::between(earlier.pose, later.pose);
@@ -115,7 +160,7 @@ mod tests {
     use crate::noise::standard_normal_pair;
     use crate::odometry::{Odometry, move_by};
 
-    const OPEN: Gate = Gate { sigmas: 0.0, refuses: false };
+    const OPEN: Gate = Gate { sigmas: 0.0, refuses: false, places: false };
 
     /// The estimates of a drive by these steps, and what a fix makes of the last.
     fn driven(config: &OdometryConfig, steps: &[Increment], fix: &Fix) -> (Vec<Estimate>, Estimate) {

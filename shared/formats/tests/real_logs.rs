@@ -4,7 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
-use echogrid_core::{Echo, SensorKind};
+use echogrid_core::{DrivePose, Echo, Leaps, SensorKind};
 use echogrid_formats::log::{self, LogEvent, LogSurvey};
 
 fn data(name: &str) -> Option<PathBuf> {
@@ -184,5 +184,25 @@ fn converted_logs_give_the_same_events() {
         let (survey_again, _, events_again) = read(&copy);
         assert!(events == events_again, "{name}");
         assert_eq!(survey.robot.transducer_count(), survey_again.robot.transducer_count());
+    }
+}
+
+/// Raw odometry does not slide sideways and does not leap; what a SLAM corrected slides.
+#[test]
+fn a_drive_is_told_from_poses_that_were_corrected() {
+    let raw = ["aces-raw", "belgioioso-raw", "freiburg-101-raw"].map(|name| (name, false));
+    let corrected = ["acapulco", "freiburg-campus", "infinite-corridor", "seattle"];
+    let names = raw.into_iter().map(|(name, slides)| (name.to_owned(), slides));
+    for (name, slides) in names.chain(corrected.map(|name| (format!("{name}-corrected"), true))) {
+        let Some(path) = data(&format!("carmen/{name}.log.gz")) else { return };
+        let (survey, _, events) = read(&path);
+        assert_eq!(survey.sideways.is_no_drive(), slides, "{name}: {:?}", survey.sideways);
+        let mut leaps = Leaps::default();
+        for event in events {
+            let LogEvent::Odometry { stamp_ns, odom_from_base, v_mps, w_radps } = event else { continue };
+            let leap = leaps.next(DrivePose { stamp_ns, odom_from_base, v_mps, w_radps });
+            // In the order of stamps the poses of the corrected logs do leap: those of one kind of line have none.
+            assert!(leap.is_none() || slides, "{name}: {leap:?}");
+        }
     }
 }

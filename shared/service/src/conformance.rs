@@ -298,13 +298,8 @@ mod tests {
         check(3, Some((20, scan(&[0], 1.0, 2_000_000_000))), "its time is not that of its scan");
         check(3, Some((20, scan(&[0], 1.0, 11))), "odometry ends at 30 ns, before the last reading, at 31 ns");
         check(3, None, "it gave no scan");
-        let health = Message::Estimate(echogrid_topics::PoseEstimate {
-            estimate: echogrid_core::Estimate::certain(Pose2::IDENTITY),
-            trust: 1.0,
-            distance_m: 0.0,
-            degraded: false,
-            hold: false,
-        });
+        let estimate = echogrid_core::Estimate::certain(Pose2::IDENTITY);
+        let health = Message::Estimate(echogrid_topics::PoseEstimate::plain(estimate, 1.0, 0.0));
         check(4, Some((30, health)), "odometry/estimate, which is none of its outputs");
         assert!(told(good(), Some(6)).contains("it said that there would be 6 messages, and gave 5"));
         assert!(told(Vec::new(), None).contains("it never described the robot"));

@@ -19,6 +19,8 @@ const BATCH: usize = 64;
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(500);
 /// Exit code of a process that could not enter the graph (`EX_UNAVAILABLE`): that may not be its own fault.
 pub const NO_GRAPH: u8 = 69;
+/// Exit code of a service whose step failed for a reason that another process would meet, too.
+pub const IN_VAIN: u8 = 65;
 /// Something always ends a wait earlier.
 const LONG: Duration = Duration::from_secs(60);
 
@@ -65,15 +67,31 @@ fn start(
     };
     match body(&mut runtime) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            let error = in_words(&error);
+        Err(failure) => {
+            let error = in_words(&failure);
             // The launcher hears of it and says so; by hand nobody else does.
             if !runtime.fail(&error) {
                 tracing::error!("{name}: {error}");
             }
-            ExitCode::FAILURE
+            if failure.is::<InVain>() { ExitCode::from(IN_VAIN) } else { ExitCode::FAILURE }
         }
     }
+}
+
+/// Marks an error of a step, which would be the same another time: steps depend on what they are given alone.
+#[derive(Debug)]
+struct InVain;
+
+impl core::fmt::Display for InVain {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str("starting it again would not help")
+    }
+}
+
+/// What the outside refused may go well another time.
+fn judged(error: anyhow::Error) -> anyhow::Error {
+    let is_outside = error.chain().any(|cause| cause.is::<std::io::Error>());
+    if is_outside { error } else { error.context(InVain) }
 }
 
 fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<()> {
@@ -105,14 +123,14 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     runtime.set_state(ServiceState::Draining)?;
     catch_up(runtime, service, &mut out)?;
     let ended = runtime.inputs_ended(|topic| service.outlives(topic));
-    service.step(Input::Finish, &mut out)?;
+    service.step(Input::Finish, &mut out).map_err(judged)?;
     drain(runtime, &mut out, ended, |runtime, out| runtime.welcome_newcomers(service, out))
 }
 
 fn take_in(service: &mut impl Service, taken: Taken, out: &mut Outbox) -> Result<()> {
     match taken {
         Taken::Message(Header { sequence, stamp_ns, .. }, message) => {
-            service.step(Input::Message { sequence, stamp_ns, message }, out)
+            service.step(Input::Message { sequence, stamp_ns, message }, out).map_err(judged)
         }
         Taken::Command(command) => {
             // What it answered was said when it was given.

@@ -7,16 +7,16 @@ use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::verdict::{Verdict, VerdictCounts};
 use echogrid_core::{
-    CellIndex, Echo, Footprint, JointCovariance, POSITION_MAX_M, Pose2, Reading, Robot, Scales, Sensor, SensorKind,
-    TileIndex,
+    CellIndex, Echo, Footprint, Incidents, JointCovariance, POSITION_MAX_M, Pose2, Reading, Robot, Scales, Sensor,
+    SensorKind, TileIndex,
 };
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::topic::Topic;
 use crate::wire::{
-    AckWire, EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS, MAX_VERDICTS,
-    MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TILE_CELLS, TileWire, TruePoseWire,
+    AckWire, EstimateWire, FixWire, HealthWire, IncidentsWire, LocalizationRequestWire, MAX_ACKS, MAX_SENSORS,
+    MAX_VERDICTS, MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TILE_CELLS, TileWire, TruePoseWire,
     TrueWorldWire, VerdictWire, bytes_to_text, text_to_bytes,
 };
 
@@ -25,10 +25,12 @@ const RANGE_LIMIT_M: f64 = 1e5;
 /// Flags of an estimate.
 const DEGRADED: u32 = 1;
 const HOLD: u32 = 2;
+const UNPLACED: u32 = 4;
 /// Flags of the map in numbers.
 const FINISHED: u32 = 1;
 const MAP_DEGRADED: u32 = 2;
 const MAP_HELD: u32 = 4;
+const MAP_UNPLACED: u32 = 8;
 /// Layers of tiles.
 const LAYER_MAP: u16 = 0;
 const LAYER_SONAR: u16 = 1;
@@ -73,6 +75,29 @@ pub struct PoseEstimate {
     pub degraded: bool,
     /// Whether nothing is to be mapped from here.
     pub hold: bool,
+    /// Whether nothing has said yet where the map lies: the pose is that of the odometry's own frame, and scans wait.
+    pub unplaced: bool,
+    /// Leaps of the odometry so far.
+    pub leaps: Incidents,
+    /// Fixes so far that the odometry contradicts, whether they were believed or not.
+    pub contradictions: Incidents,
+}
+
+impl PoseEstimate {
+    /// Of a robot of which nothing is known to be wrong.
+    #[must_use]
+    pub fn plain(estimate: Estimate, trust: f64, distance_m: f64) -> Self {
+        Self {
+            estimate,
+            trust,
+            distance_m,
+            degraded: false,
+            hold: false,
+            unplaced: false,
+            leaps: Incidents::default(),
+            contradictions: Incidents::default(),
+        }
+    }
 }
 
 /// Where the robot really is.
@@ -170,10 +195,16 @@ pub struct MapInfo {
     pub degraded: bool,
     /// Whether mapping holds, until the next fix or by hand.
     pub held: bool,
+    /// Whether nothing has said yet where the map lies, so that nothing is mapped.
+    pub unplaced: bool,
     /// Absolute fixes so far.
     pub fixes: u32,
     /// Fixes refused so far, for being too far off.
     pub fixes_refused: u32,
+    /// Leaps of the odometry so far.
+    pub leaps: Incidents,
+    /// Fixes so far that the odometry contradicts, whether they were believed or not.
+    pub contradictions: Incidents,
     /// What became of the readings of each sonar, by its number; of at most [`MAX_SENSORS`].
     pub sonars: Vec<VerdictCounts>,
 }
@@ -478,9 +509,28 @@ impl From<&ReadingWire> for Reading {
     }
 }
 
+impl From<&Incidents> for IncidentsWire {
+    fn from(Incidents { count, first_ns, largest_m, largest_rad }: &Incidents) -> Self {
+        Self { first_ns: *first_ns, largest_m: *largest_m, largest_rad: *largest_rad, count: *count, reserved: 0 }
+    }
+}
+
+impl TryFrom<&IncidentsWire> for Incidents {
+    type Error = Fault;
+
+    fn try_from(wire: &IncidentsWire) -> Result<Self, Fault> {
+        Ok(Self {
+            count: wire.count,
+            first_ns: wire.first_ns,
+            largest_m: at_least_zero("largest_m", wire.largest_m)?,
+            largest_rad: at_least_zero("largest_rad", wire.largest_rad)?,
+        })
+    }
+}
+
 impl From<&PoseEstimate> for EstimateWire {
     fn from(message: &PoseEstimate) -> Self {
-        let PoseEstimate { estimate, trust, distance_m, degraded, hold } = message;
+        let PoseEstimate { estimate, trust, distance_m, degraded, hold, unplaced, leaps, contradictions } = message;
         let mut covariance = [0.0; 15];
         covariance.iter_mut().zip(upper()).for_each(|(slot, place)| *slot = estimate.covariance[place]);
         Self {
@@ -499,9 +549,11 @@ impl From<&PoseEstimate> for EstimateWire {
             trust: *trust,
             distance_m: *distance_m,
             fixes: estimate.fixes,
-            flags: u32::from(*degraded) * DEGRADED + u32::from(*hold) * HOLD,
+            flags: u32::from(*degraded) * DEGRADED + u32::from(*hold) * HOLD + u32::from(*unplaced) * UNPLACED,
             fixes_refused: estimate.refused,
             reserved: 0,
+            leaps: leaps.into(),
+            contradictions: contradictions.into(),
         }
     }
 }
@@ -531,6 +583,9 @@ impl TryFrom<&EstimateWire> for PoseEstimate {
             distance_m: at_least_zero("distance_m", wire.distance_m)?,
             degraded: wire.flags & DEGRADED != 0,
             hold: wire.flags & HOLD != 0,
+            unplaced: wire.flags & UNPLACED != 0,
+            leaps: (&wire.leaps).try_into()?,
+            contradictions: (&wire.contradictions).try_into()?,
         })
     }
 }
@@ -581,8 +636,9 @@ impl TryFrom<&LocalizationRequestWire> for LocalizationRequest {
     type Error = Fault;
 
     fn try_from(wire: &LocalizationRequestWire) -> Result<Self, Fault> {
-        let reason = [Reason::Degraded, Reason::Schedule].into_iter().find(|reason| *reason as u32 == wire.reason);
-        let reason = reason.ok_or(Fault { field: "reason", value: wire.reason.to_string(), expected: "1 or 2" })?;
+        const REASONS: [Reason; 4] = [Reason::Degraded, Reason::Schedule, Reason::Start, Reason::Leap];
+        let reason = REASONS.into_iter().find(|reason| *reason as u32 == wire.reason);
+        let reason = reason.ok_or(Fault { field: "reason", value: wire.reason.to_string(), expected: "1 to 4" })?;
         Ok(Self { id: wire.id, estimate: (&wire.estimate).try_into()?, reason })
     }
 }
@@ -704,9 +760,12 @@ impl From<&MapInfo> for MapInfoWire {
             remap_left: info.remap_left,
             flags: u32::from(info.finished) * FINISHED
                 + u32::from(info.degraded) * MAP_DEGRADED
-                + u32::from(info.held) * MAP_HELD,
+                + u32::from(info.held) * MAP_HELD
+                + u32::from(info.unplaced) * MAP_UNPLACED,
             fixes: info.fixes,
             fixes_refused: info.fixes_refused,
+            leaps: (&info.leaps).into(),
+            contradictions: (&info.contradictions).into(),
             sonar_count: info.sonars.len().min(MAX_SENSORS) as u32,
             reserved: 0,
             sonar_verdicts,
@@ -748,8 +807,11 @@ impl TryFrom<&MapInfoWire> for MapInfo {
             finished: wire.flags & FINISHED != 0,
             degraded: wire.flags & MAP_DEGRADED != 0,
             held: wire.flags & MAP_HELD != 0,
+            unplaced: wire.flags & MAP_UNPLACED != 0,
             fixes: wire.fixes,
             fixes_refused: wire.fixes_refused,
+            leaps: (&wire.leaps).try_into()?,
+            contradictions: (&wire.contradictions).try_into()?,
             sonars,
         })
     }

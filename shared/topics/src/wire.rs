@@ -172,8 +172,24 @@ wire! {
 }
 
 wire! {
+    /// What went wrong so often, since when, and how badly at worst.
+    "echogrid/Incidents/1" IncidentsWire {
+        /// Stamp of the first, nanoseconds.
+        first_ns: u64,
+        /// The greatest distance among them, metres.
+        largest_m: f64,
+        /// The greatest angle among them, radians.
+        largest_rad: f64,
+        /// How many; 0: the rest says nothing.
+        count: u32,
+        /// Zero.
+        reserved: u32,
+    }
+}
+
+wire! {
     /// `odometry/estimate`: where the robot is in the map, and how far to trust that.
-    "echogrid/OdometryEstimate/3" EstimateWire {
+    "echogrid/OdometryEstimate/4" EstimateWire {
         /// Metres, map frame.
         x_m: f64,
         /// Metres, map frame.
@@ -204,12 +220,17 @@ wire! {
         distance_m: f64,
         /// Absolute fixes so far.
         fixes: u32,
-        /// Bit 0: degraded, readings hardly say anything any more; bit 1: mapping is to hold.
+        /// Bit 0: degraded, readings hardly say anything any more; bit 1: mapping is to hold; bit 2: nothing has said yet where
+        /// the map lies, the pose is in the frame of `odometry/raw`.
         flags: u32,
         /// Fixes refused so far, for being too far off.
         fixes_refused: u32,
         /// Zero.
         reserved: u32,
+        /// Leaps of the odometry so far: distance and turn of the leap.
+        leaps: IncidentsWire,
+        /// Fixes so far that the odometry contradicts, believed or not: how far the fix is from where the robot was believed to be.
+        contradictions: IncidentsWire,
     }
 }
 
@@ -262,7 +283,12 @@ wire! {
         remapped: u64,
         /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
         remap_left: u64,
-        /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds.
+        /// Leaps of the odometry so far: distance and turn of the leap.
+        leaps: IncidentsWire,
+        /// Fixes so far that the odometry contradicts, believed or not: how far the fix is from where the robot was believed to be.
+        contradictions: IncidentsWire,
+        /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds;
+        /// bit 3: nothing has said yet where the map lies, nothing is mapped.
         flags: u32,
         /// Absolute fixes so far.
         fixes: u32,
@@ -361,12 +387,12 @@ wire! {
 
 wire! {
     /// `localization/request`: an absolute localization is wanted.
-    "echogrid/LocalizationRequest/3" LocalizationRequestWire {
+    "echogrid/LocalizationRequest/4" LocalizationRequestWire {
         /// Number of the request: 1, 2, 3 …
         id: u64,
         /// Where the robot believes to be at the stamp of the message.
         estimate: EstimateWire,
-        /// 1 degraded, 2 by schedule.
+        /// 1 degraded, 2 by schedule, 3 nothing has said yet where the map lies, 4 after a leap of the odometry.
         reason: u32,
         /// Zero.
         reserved: u32,
@@ -438,6 +464,7 @@ pub fn layouts() -> String {
     one::<RobotWire>(&mut text);
     one::<OdometryRawWire>(&mut text);
     one::<ReadingWire>(&mut text);
+    one::<IncidentsWire>(&mut text);
     one::<EstimateWire>(&mut text);
     one::<TileWire>(&mut text);
     one::<MapInfoWire>(&mut text);
@@ -511,7 +538,7 @@ mod tests {
             assert_eq!(size % 2, 0, "{block}");
         }
         assert_eq!(size_of::<ReadingWire>(), 8 + 4 + 2 + 1 + 1);
-        assert_eq!(size_of::<EstimateWire>(), 28 * 8 + 16);
+        assert_eq!(size_of::<EstimateWire>(), 28 * 8 + 16 + 2 * 32);
         assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 2 + 2 + 4 + 4 * 4096);
     }
 

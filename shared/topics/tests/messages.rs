@@ -8,8 +8,8 @@ use std::fmt::Debug;
 use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::{
-    CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex, Verdict,
-    VerdictCounts,
+    CellIndex, Echo, Footprint, Incidents, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind,
+    TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_topics::message::Fault;
 use echogrid_topics::wire::{
@@ -85,7 +85,7 @@ fn estimate() -> impl Strategy<Value = PoseEstimate> {
     let errors = (number(), number(), amount(), amount()).prop_map(|(e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2)| {
         OdometryErrors { e_lin_m, e_ang_rad, eps_lin_m2, eps_ang_rad2 }
     });
-    let flags = any::<(bool, bool)>();
+    let flags = (any::<(bool, bool, bool)>(), incidents(), incidents());
     (pose(), (covariance, scales), (amount(), amount()), errors, any::<(u32, u32)>(), 0.0..=1.0, amount(), flags)
         .prop_map(
             |(
@@ -96,15 +96,27 @@ fn estimate() -> impl Strategy<Value = PoseEstimate> {
                 (fixes, refused),
                 trust,
                 distance_m,
-                (degraded, hold),
+                ((degraded, hold, unplaced), leaps, contradictions),
             )| PoseEstimate {
                 estimate: Estimate { pose, covariance, scales, travel_m, turn_rad, errors, fixes, refused },
                 trust,
                 distance_m,
                 degraded,
                 hold,
+                unplaced,
+                leaps,
+                contradictions,
             },
         )
+}
+
+fn incidents() -> impl Strategy<Value = Incidents> {
+    (any::<(u32, u64)>(), amount(), amount()).prop_map(|((count, first_ns), largest_m, largest_rad)| Incidents {
+        count,
+        first_ns,
+        largest_m,
+        largest_rad,
+    })
 }
 
 fn fix() -> impl Strategy<Value = LocalizationFix> {
@@ -116,7 +128,7 @@ fn fix() -> impl Strategy<Value = LocalizationFix> {
 }
 
 fn request() -> impl Strategy<Value = LocalizationRequest> {
-    let reason = prop::sample::select(vec![Reason::Degraded, Reason::Schedule]);
+    let reason = prop::sample::select(vec![Reason::Degraded, Reason::Schedule, Reason::Start, Reason::Leap]);
     (any::<u64>(), estimate(), reason).prop_map(|(id, estimate, reason)| LocalizationRequest { id, estimate, reason })
 }
 
@@ -153,7 +165,7 @@ fn info() -> impl Strategy<Value = MapInfo> {
         };
         sonars.into_iter().map(counts).collect::<Vec<_>>()
     });
-    let flags = (any::<([bool; 3], (u32, u32))>(), sonars);
+    let flags = (any::<([bool; 4], (u32, u32))>(), sonars, incidents(), incidents());
     (any::<[u64; 6]>(), cells, amount(), number(), amount(), counts, flags).prop_map(
         |(
             [revision, scans, occupied, free, remapped, remap_left],
@@ -162,7 +174,7 @@ fn info() -> impl Strategy<Value = MapInfo> {
             trust,
             distance_m,
             verdicts,
-            ((flags, (fixes, fixes_refused)), sonars),
+            ((flags, (fixes, fixes_refused)), sonars, leaps, contradictions),
         )| {
             MapInfo {
                 revision,
@@ -180,8 +192,11 @@ fn info() -> impl Strategy<Value = MapInfo> {
                 finished: flags[0],
                 degraded: flags[1],
                 held: flags[2],
+                unplaced: flags[3],
                 fixes,
                 fixes_refused,
+                leaps,
+                contradictions,
                 sonars,
             }
         },

@@ -141,6 +141,32 @@ impl World {
         Ok(Self { parts, surfaces, buckets })
     }
 
+    /// The same world in another frame.
+    ///
+    /// # Errors
+    /// A coordinate would be one that no building has.
+    pub fn moved(&self, map_from_world: Pose2) -> Result<Self, WorldError> {
+        let at = |point: &[f64; 2]| map_from_world.transform(*point);
+        let line = |Segment { from, to }: &Segment| Segment { from: at(from), to: at(to) };
+        let WorldParts { walls, points, point_radius_m, solid, places, people } = &self.parts;
+        let goal = |goal: &Goal| Goal { pose: map_from_world * goal.pose, ..goal.clone() };
+        Self::new(WorldParts {
+            walls: walls.iter().map(line).collect(),
+            points: points.iter().map(at).collect(),
+            point_radius_m: *point_radius_m,
+            solid: solid.as_ref().map(|solid| solid.moved(map_from_world)),
+            places: Places {
+                home: places.home.map(|home| map_from_world * home),
+                goals: places.goals.iter().map(goal).collect(),
+                forbidden: places.forbidden.iter().map(line).collect(),
+            },
+            people: people
+                .iter()
+                .map(|who| Person { path: who.path.iter().map(at).collect(), ..who.clone() })
+                .collect(),
+        })
+    }
+
     /// What it is made of.
     #[must_use]
     pub fn parts(&self) -> &WorldParts {

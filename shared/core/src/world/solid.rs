@@ -27,6 +27,11 @@ impl Solid {
         })
     }
 
+    /// The same in another frame.
+    pub(super) fn moved(&self, map_from_world: Pose2) -> Self {
+        Self { map_from_corner: map_from_world * self.map_from_corner, ..self.clone() }
+    }
+
     /// Whether a point of the map frame is within it.
     #[must_use]
     pub fn contains(&self, point: [f64; 2]) -> bool {

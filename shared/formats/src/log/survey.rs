@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use echogrid_core::Robot;
+use echogrid_core::{Robot, Sideways};
 use serde::Serialize;
 
 use super::carmen::{CarmenPlan, RangeUnit};
@@ -39,6 +39,9 @@ pub struct LogSurvey {
     pub last_stamp_ns: u64,
     /// Sum of the odometry's steps, metres.
     pub distance_m: f64,
+    /// Whether its odometry slides sideways, as no drive's does.
+    #[serde(skip)]
+    pub sideways: Sideways,
     /// What the stamps are good for, and what was made of them.
     pub clock: ClockReport,
     /// Messages that are not used, by name: unknown ones, and those that repeat another sensor.

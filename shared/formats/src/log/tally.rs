@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use echogrid_core::Pose2;
+use echogrid_core::{Pose2, Sideways};
 
 use super::clock_report::ClockReport;
 use super::timeline::{ORDER_STEP_NS, TimedLine, Timeline};
@@ -27,6 +27,7 @@ struct Track {
     last_ns: u64,
     in_stamp_order: Distance,
     in_line_order: Distance,
+    sideways: Sideways,
 }
 
 /// The way along poses.
@@ -66,6 +67,7 @@ impl<C: Copy + Ord> EventTally<C> {
             track.poses += 1;
             track.first_pose.get_or_insert(place);
             track.in_line_order.add(pose);
+            track.sideways.add(pose);
         }
         self.timeline.push(line);
         self.take_timed();
@@ -96,6 +98,11 @@ impl<C: Copy + Ord> EventTally<C> {
     /// Lines of a class that hold odometry.
     pub(crate) fn poses(&self, class: C) -> u64 {
         self.tracks.get(&class).map_or(0, |track| track.poses)
+    }
+
+    /// Whether the odometry of a class slides sideways.
+    pub(crate) fn sideways(&self, class: C) -> Sideways {
+        self.tracks.get(&class).map_or_else(Sideways::default, |track| track.sideways)
     }
 
     /// Over the classes in use, with the odometry of one of them.

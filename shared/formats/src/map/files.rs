@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::map_server::{self, MapMode, Thresholds};
-use super::{MapDocument, MapError, OccupancyMap, doubt, native, npy, picture};
+use super::{MapDocument, MapError, OccupancyMap, doubt, main_part, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::{write_together, write_whole};
 
@@ -79,8 +79,8 @@ impl MapFiles {
     /// not at all, the native map first, and those that share the frame that the YAML tells together. The paths written.
     ///
     /// # Errors
-    /// When a file can't be written; those written before it are there then. When the known cells
-    /// lie too far apart for a picture, the native map is still written.
+    /// When a file can't be written; those written before it are there then. When the known cells lie too far apart for a
+    /// picture, the other files show the main part of the map; when it has none ([`main_part`]), they are not written.
     pub fn write_all(
         folder: &Path,
         document: &MapDocument,
@@ -95,6 +95,13 @@ impl MapFiles {
         if options.has(MapFormat::Echogrid) {
             native::write(&file("map.echogrid"), document)?;
         }
+        let part = match main_part(document) {
+            Ok(part) => part,
+            Err(_) => {
+                return Ok(if options.has(MapFormat::Echogrid) { vec![file("map.echogrid")] } else { Vec::new() });
+            }
+        };
+        let document = part.as_ref().map_or(document, |(part, _)| part);
         if options.has(MapFormat::Png) {
             write_whole(&file("map.png"), &picture::encode(document, options.draw_path)?)?;
         }

@@ -56,8 +56,8 @@ pub(crate) fn probability(log_odds: f32) -> f32 {
     (1.0 / (1.0 + libm::exp(-f64::from(log_odds)))) as f32
 }
 
-/// The dense rectangle of all known cells, at least one cell.
-pub(crate) fn raster_of(grid: &Grid) -> Result<Raster, MapError> {
+/// Whether the rectangle of all known cells is not too large.
+pub(crate) fn fits(grid: &Grid) -> Result<(), MapError> {
     let known = grid.tiles().filter(|(_, tile)| tile.log_odds.iter().any(|cell| !cell.is_nan()));
     let bounds = known.fold(None::<[i64; 4]>, |bounds, (index, _)| {
         let (x, y) = (i64::from(index.x), i64::from(index.y));
@@ -77,6 +77,12 @@ pub(crate) fn raster_of(grid: &Grid) -> Result<Raster, MapError> {
             });
         }
     }
+    Ok(())
+}
+
+/// The dense rectangle of all known cells, at least one cell.
+pub(crate) fn raster_of(grid: &Grid) -> Result<Raster, MapError> {
+    fits(grid)?;
     let mut raster = Raster::of(grid);
     if raster.log_odds.is_empty() {
         raster.width = 1;

@@ -203,6 +203,7 @@ impl Surveyor {
             first_stamp_ns,
             last_stamp_ns,
             distance_m,
+            sideways: self.events.sideways(odometry),
             clock,
             skipped,
             faults,

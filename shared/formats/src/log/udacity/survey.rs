@@ -76,6 +76,7 @@ pub fn survey(
         first_stamp_ns,
         last_stamp_ns,
         distance_m,
+        sideways: events.sideways(Rank::Odometry),
         clock,
         skipped: BTreeMap::new(),
         faults,
