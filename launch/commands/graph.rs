@@ -16,6 +16,7 @@ use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::MAX_SENSORS;
 
+use super::folder;
 use super::spool::Spool;
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
@@ -63,6 +64,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let ready_within = Duration::from_secs_f64(config.supervision.ready_within_s) + 4 * surveyed.elapsed();
     probe_record(&config.simulator.record, &config.run.out)?;
     probe_output(&config.run.out)?;
+    let _ours = folder::take(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
@@ -86,14 +88,22 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         services: &config.services,
         plan,
         log_filter: view.log_level.as_deref(),
-        log_json: view.log_format == "json",
+        log_json: view.logs_json(),
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),
         ready_within,
         supervision: &config.supervision,
     };
     limits::allow_files(limits::files_needed(config.services.len() as u64));
     let start = SystemTime::now();
-    let mut display = Display::new(view.quiet, view.verbose);
+    let mut display = Display::new(view.quiet, view.tells_lives());
+    if !request.resume
+        && MapFiles::names(&config.publisher.map_files()).iter().any(|name| config.run.out.join(name).exists())
+    {
+        display.remark(&format!(
+            "{}: the map of an earlier run is replaced there when this one is saved (--out names another folder)",
+            config.run.out.display()
+        ));
+    }
     let outcome = supervisor::run(graph, &mut display)?;
     drop(display);
     outcome.check().with_context(|| kept(config, start))?;

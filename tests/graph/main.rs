@@ -14,6 +14,7 @@ mod filters;
 mod harness;
 mod kills;
 mod localization;
+mod log;
 mod maps;
 mod privacy;
 mod real_logs;

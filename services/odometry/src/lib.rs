@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail};
 use echogrid_core::localization::{Asking, Choice, Fix};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Estimate, Gate, LocalizationConfig, MapperConfig, Odometry, OdometryConfig, Pose2, Robot};
+use echogrid_service::logging::Sparing;
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
@@ -51,6 +52,11 @@ pub struct OdometryService {
     resolution_m: f64,
     config: LocalizationConfig,
     state: State,
+    /// Whether it was degraded and mapping held, as far as the log was told.
+    was: (bool, bool),
+    changes_told: Sparing,
+    taken_told: Sparing,
+    refused_told: Sparing,
 }
 
 impl OdometryService {
@@ -78,7 +84,16 @@ impl OdometryService {
             asked: None,
             early: None,
         };
-        Ok(Self { resolution_m, config: localization.clone(), state })
+        let sparing = Sparing::default;
+        Ok(Self {
+            resolution_m,
+            config: localization.clone(),
+            state,
+            was: (false, false),
+            changes_told: sparing(),
+            taken_told: sparing(),
+            refused_told: sparing(),
+        })
     }
 
     /// From the plan of a run.
@@ -111,9 +126,27 @@ impl OdometryService {
         let trust = self.state.sensor.trust(&estimate.errors, self.resolution_m);
         let degraded = self.config.is_degraded(trust);
         let hold = degraded && self.config.hold.resolve(self.state.asking.is_some());
+        self.tell_the_log(stamp_ns, trust, degraded, hold);
         let told = PoseEstimate { estimate, trust, distance_m: self.state.distance_m, degraded, hold };
         out.send(stamp_ns, Message::Estimate(told.clone()));
         told
+    }
+
+    /// Says when what the estimate is good for changes.
+    fn tell_the_log(&mut self, stamp_ns: u64, trust: f64, degraded: bool, hold: bool) {
+        let was = std::mem::replace(&mut self.was, (degraded, hold));
+        if was == (degraded, hold) {
+            return;
+        }
+        let Some(withheld) = self.changes_told.is_due(stamp_ns) else { return };
+        let distance_m = self.state.distance_m;
+        let what = match (degraded, hold) {
+            (true, true) => "degraded: mapping holds",
+            (true, false) => "degraded: mapping goes on",
+            (false, _) if was.1 => "good again: mapping goes on",
+            (false, _) => "good again",
+        };
+        tracing::info!(stamp_ns, trust, distance_m, withheld, "{what}");
     }
 
     /// Asks for an absolute localization if it is time for one.
@@ -173,8 +206,18 @@ impl OdometryService {
             }
             Err(error) => Some(error),
         };
-        if let Some(error) = &refused {
-            tracing::warn!(%error, "localization refused");
+        match &refused {
+            Some(error) => {
+                if let Some(withheld) = self.refused_told.is_due(now_ns) {
+                    tracing::warn!(%error, withheld, "localization refused");
+                }
+            }
+            None => {
+                if let Some(withheld) = self.taken_told.is_due(now_ns) {
+                    let Pose2 { x, y, theta } = fix.pose;
+                    tracing::info!(fix_ns, x, y, theta, withheld, "localized: fix taken");
+                }
+            }
         }
         if let Some(asking) = &mut self.state.asking {
             if refused.is_some() {

@@ -65,6 +65,8 @@ pub struct Moment {
     pub progress: u64,
     /// Stamp of the latest message handled, nanoseconds.
     pub stamp_ns: u64,
+    /// Stamp of the first message of a stream.
+    pub first_stamp_ns: Option<u64>,
     /// Messages refused.
     pub faults: u64,
 }
