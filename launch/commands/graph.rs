@@ -107,6 +107,8 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let outcome = supervisor::run(graph, &mut display)?;
     drop(display);
     outcome.check().with_context(|| kept(config, start))?;
+    // Before what the run could be resumed from is removed.
+    check_saved(config, &outcome, start)?;
     spool.map_or(Ok(()), Spool::remove)?;
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
@@ -213,6 +215,21 @@ fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
     names.extend([SONARS_FILE.to_owned(), READINGS_FILE.to_owned()]);
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
     names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
+}
+
+/// Whatever was mapped must lie on the disk now.
+fn check_saved(config: &Config, outcome: &supervisor::Outcome, start: SystemTime) -> Result<()> {
+    let cells = outcome.map.as_ref().map_or(0, |map| map.cells_known);
+    let publishes = |exec: &Exec| *exec == Exec::Builtin(Builtin::Publisher);
+    let has_publisher = config.services.values().any(|service| publishes(&service.exec));
+    let given_up = !outcome.given_up.is_empty();
+    ensure!(
+        cells == 0 || !has_publisher || given_up || !written(config, start).is_empty(),
+        "{} cells were mapped, and no map was saved in {}",
+        cells,
+        config.run.out.display()
+    );
+    Ok(())
 }
 
 /// Where the map so far is, for whoever reads the error.

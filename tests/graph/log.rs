@@ -25,7 +25,7 @@ fn all_of_a_log_is_json_where_json_is_asked_for() {
         .collect();
     let says = |service: &str, what: &str| {
         lines.iter().any(|line| {
-            line["span"]["name"] == service && line["message"].as_str().is_some_and(|text| text.contains(what))
+            line["span"]["service"] == service && line["message"].as_str().is_some_and(|text| text.contains(what))
         })
     };
     for (service, what) in [

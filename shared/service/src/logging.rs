@@ -23,7 +23,7 @@ pub fn start(name: &str) -> EnteredSpan {
     let is_json = std::env::var(FORMAT_VARIABLE).as_deref() == Ok("json");
     begin(EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(BY_DEFAULT)), is_json);
     // Of the level that is never filtered away.
-    tracing::error_span!("service", name).entered()
+    tracing::error_span!("process", service = name).entered()
 }
 
 /// Starts the logging of the launcher as JSON; who says what is for it to decide. What is given back is to be kept as that of
@@ -31,7 +31,7 @@ pub fn start(name: &str) -> EnteredSpan {
 pub fn start_json(name: &str) -> EnteredSpan {
     begin(EnvFilter::new("info"), true);
     JSON.store(true, Ordering::Relaxed);
-    tracing::error_span!("service", name).entered()
+    tracing::error_span!("process", service = name).entered()
 }
 
 /// Whether [`start_json`] was called.

@@ -55,6 +55,9 @@ pub(crate) struct Source {
     pub(crate) port: Port,
     pub(crate) ended: bool,
     pub(crate) seen: bool,
+    /// The life of the producer of a relayed stream that has told this process all that counts; the end of another is not
+    /// meant for it: it was said to an earlier process, or before this one was met.
+    told: u64,
     /// Of what was lost, that which an earlier life of the service missed.
     pub(crate) lost_before: u64,
     published: u64,
@@ -78,6 +81,8 @@ pub(crate) struct Sink {
     ended: bool,
     /// Somebody came who needs to be told all that counts.
     newcomer: bool,
+    /// Processes that are being told, and do not know yet that they were.
+    untold: Vec<u32>,
 }
 
 /// Ports and vital signs of one process.
@@ -150,20 +155,23 @@ impl Runtime {
                 if topic.resumes() {
                     port.resume(plan.epoch, 0, 0);
                 }
-                Ok(Source { port, ended: false, seen: false, lost_before: 0, published: 0 })
+                Ok(Source { port, ended: false, seen: false, told: 0, lost_before: 0, published: 0 })
             })
             .collect::<Result<_>>()?;
         let health_in = Port::open(&participant, Topic::Health)?;
         let keeps_generations = outputs.iter().any(|topic| topic.resumes());
-        let sinks = outputs.iter().map(|topic| Ok(Sink { port: open(*topic)?, ended: false, newcomer: false }));
+        let sinks = outputs
+            .iter()
+            .map(|topic| Ok(Sink { port: open(*topic)?, ended: false, newcomer: false, untold: Vec::new() }));
         let sinks = sinks.collect::<Result<_, echogrid_topics::TopicError>>()?;
         // A service that joins a running graph by hand is not one that the launcher knows.
         let control =
             std::env::var_os(SERVICE_VARIABLE).map(|_| ControlServer::open(&participant, &name)).transpose()?;
         // Nor would anybody restart it.
         let folder = plan.state.as_ref().filter(|_| control.is_some());
-        let store =
-            folder.map(|folder| Store::open(&folder.join(format!("{name}.redb")), plan.synced, keeps_generations));
+        let store = folder.map(|folder| {
+            Store::open(&folder.join(format!("{name}.redb")), plan.epoch, plan.synced, keeps_generations)
+        });
         Ok(Self {
             store: store.transpose()?,
             generations: VecDeque::new(),
@@ -250,6 +258,16 @@ impl Runtime {
                         self.write_down(header.stamp_ns, &message)?;
                         self.count(message.topic(), header.stamp_ns);
                         return Ok(Some(Taken::Message(header, message)));
+                    }
+                    Some(Received::Told(header, pid)) => {
+                        if pid == std::process::id() {
+                            source.told = header.epoch;
+                        }
+                    }
+                    Some(Received::End(header))
+                        if source.port.topic().delivery() == Delivery::Relayed && source.told != header.epoch =>
+                    {
+                        tracing::debug!(topic = source.port.topic().name(), "an end that was said to somebody else");
                     }
                     Some(Received::End(_)) => {
                         source.ended = true;
@@ -361,7 +379,20 @@ impl Runtime {
             sink.port.send(*stamp_ns, message)?;
             outbox.pop();
         }
+        if outbox.is_empty() {
+            self.say_what_was_told()?;
+        }
         self.ring()
+    }
+
+    /// All that the service had to say is on its way: whoever came anew has been told.
+    fn say_what_was_told(&mut self) -> Result<()> {
+        for sink in self.sinks.iter_mut().filter(|sink| !sink.newcomer) {
+            for pid in std::mem::take(&mut sink.untold) {
+                sink.port.told(pid)?;
+            }
+        }
+        Ok(())
     }
 
     /// Whether every consumer has the next message of `topic`, from an earlier life of ours.
@@ -416,7 +447,12 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn end_outputs(&mut self) -> Result<()> {
         let stamp_ns = self.stamp_ns;
-        for sink in self.sinks.iter_mut().filter(|sink| !sink.ended) {
+        // Who was not met yet has heard nothing that could end.
+        let may_end = |sink: &&mut Sink| {
+            let is_relayed = sink.port.topic().delivery() == Delivery::Relayed;
+            !sink.ended && (!is_relayed || (sink.port.is_met() && !sink.newcomer && sink.untold.is_empty()))
+        };
+        for sink in self.sinks.iter_mut().filter(may_end) {
             if sink.port.topic().delivery().is_stream() {
                 sink.port.end(stamp_ns)?;
             }
@@ -453,7 +489,7 @@ impl Runtime {
     /// Whether every consumer has integrated all that was sent.
     #[must_use]
     pub fn is_drained(&self) -> bool {
-        self.sinks.iter().all(|sink| sink.port.is_drained() && !sink.newcomer)
+        self.sinks.iter().all(|sink| sink.port.is_drained() && !sink.newcomer && sink.untold.is_empty())
     }
 
     /// Waits until something happened, at most for `patience`; takes note of signals, of the
@@ -493,7 +529,10 @@ impl Runtime {
             let Received::Message(_, Message::Health(health)) = received else { continue };
             for sink in &mut self.sinks {
                 let is_new = sink.port.note(&health);
-                sink.newcomer |= is_new && sink.port.topic().delivery() == Delivery::Relayed;
+                if is_new && sink.port.topic().delivery() == Delivery::Relayed {
+                    sink.newcomer = true;
+                    sink.untold.push(health.pid);
+                }
             }
             arrivals |= self.known.insert(health.pid);
         }
