@@ -49,6 +49,12 @@ pub enum Taken {
     Command(Command),
 }
 
+/// Whether the end of a stream, said in the life `epoch` of its producer, is meant for a process that was last told all that
+/// counts by the life `told`.
+fn is_meant_for_us(delivery: Delivery, told: u64, epoch: u64) -> bool {
+    delivery != Delivery::Relayed || told == epoch
+}
+
 /// An input.
 #[derive(Debug)]
 pub(crate) struct Source {
@@ -265,7 +271,7 @@ impl Runtime {
                         }
                     }
                     Some(Received::End(header))
-                        if source.port.topic().delivery() == Delivery::Relayed && source.told != header.epoch =>
+                        if !is_meant_for_us(source.port.topic().delivery(), source.told, header.epoch) =>
                     {
                         tracing::debug!(topic = source.port.topic().name(), "an end that was said to somebody else");
                     }
@@ -621,5 +627,19 @@ impl Runtime {
         self.health_out.ring()?;
         self.health_due = Instant::now() + HEARTBEAT;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_end_before_all_was_told_is_meant_for_somebody_else() {
+        // Nobody has told us anything; another life of the producer has; this one has.
+        let relayed = [0, 6, 7].map(|told| is_meant_for_us(Delivery::Relayed, told, 7));
+        assert_eq!(relayed, [false, false, true]);
+        // What is numbered through the whole run is for everybody.
+        assert!(is_meant_for_us(Delivery::Lossless, 0, 7));
     }
 }
