@@ -95,3 +95,14 @@ fn the_help_of_the_demo_tells_its_own_defaults() {
     assert!(fix(&help("demo")).contains("[default: truth]"));
     assert!(fix(&help("map")).contains("[default: none]"));
 }
+
+#[test]
+fn a_log_that_can_be_read_only_once_is_refused() {
+    let drive = Drive::new(1.0);
+    let pipe = drive.out("pipe.log");
+    nix::unistd::mkfifo(&pipe, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let output = echogrid(["map", pipe.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(text.contains("pipe.log: a pipe or device can be read only once"), "{text}");
+}
