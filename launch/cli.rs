@@ -4,10 +4,15 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use echogrid_replay::config::LogUnit;
+use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
 use serde::Serialize;
+use tracing::Level;
 
 use crate::commands::align::Align;
 use crate::config::{Interval, LoadRequest};
+
+const DEMO_FIX_HELP: &str = "Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (the \
+     simulator);\nor a file: surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: truth]";
 
 /// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
 #[derive(Debug, Parser)]
@@ -22,6 +27,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// A simulated Pioneer 3-AT maps an office floor, localizes itself whenever its map would degrade, and scores the map.
+    #[command(mut_arg("fix", |fix| fix.help(DEMO_FIX_HELP)))]
     Demo {
         /// Another drive: other slips, bumps and echoes.
         #[arg(long)]
@@ -456,12 +462,37 @@ pub struct View {
     /// Tells of every process that starts and ends.
     #[arg(long, short)]
     pub verbose: bool,
-    /// What the services log: error, warn, info, debug, or as in ECHOGRID_LOG [default: warn].
+    /// What the services log: error, warn, info (the life of each), debug, or as in ECHOGRID_LOG [default: warn].
     #[arg(long, value_name = "FILTER")]
     pub log_level: Option<String>,
-    /// How they log it.
+    /// How they log it; as JSON, the launcher's own lines and the progress are JSON, too.
     #[arg(long, value_name = "FORMAT", value_parser = ["text", "json"], default_value = "text")]
     pub log_format: String,
+}
+
+impl View {
+    /// Whether all that is logged is JSON.
+    #[must_use]
+    pub fn logs_json(&self) -> bool {
+        self.log_format == "json" || std::env::var(FORMAT_VARIABLE).as_deref() == Ok("json")
+    }
+
+    /// Whether the life of the processes is told, too.
+    #[must_use]
+    pub fn tells_lives(&self) -> bool {
+        self.verbose || is_told(Level::INFO, self.log_level.as_deref())
+    }
+}
+
+impl Command {
+    /// What is shown of the run, if it is one.
+    #[must_use]
+    pub fn view(&self) -> Option<&View> {
+        match self {
+            Self::Demo { view, .. } | Self::Map { view, .. } | Self::Up { view, .. } => Some(view),
+            _ => None,
+        }
+    }
 }
 
 impl Settings {

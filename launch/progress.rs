@@ -3,8 +3,10 @@
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
+use echogrid_service::logging;
 use echogrid_topics::Health;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use tracing::Level;
 
 use crate::supervisor::{Event, Observer, Progress};
 
@@ -16,22 +18,47 @@ const LINE_EVERY: Duration = Duration::from_secs(5);
 pub struct Display {
     bar: Option<ProgressBar>,
     quiet: bool,
-    verbose: bool,
+    lives: bool,
+    json: bool,
     first_ns: Option<u64>,
     started: Option<Instant>,
     next_line: Instant,
 }
 
 impl Display {
-    /// A display of standard error's kind; `quiet`: only what the services log; `verbose`: what the launcher does, too.
+    /// A display of standard error's kind; `quiet`: only what is logged; `lives`: of each process that starts and ends, too.
     #[must_use]
-    pub fn new(quiet: bool, verbose: bool) -> Self {
-        let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
+    pub fn new(quiet: bool, lives: bool) -> Self {
+        let json = logging::is_json();
+        let bar = (!quiet && !json && std::io::stderr().is_terminal()).then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
             bar.set_style(style(false));
             bar
         });
-        Self { bar, quiet, verbose, first_ns: None, started: None, next_line: Instant::now() + LINE_EVERY }
+        Self { bar, quiet, lives, json, first_ns: None, started: None, next_line: Instant::now() + LINE_EVERY }
+    }
+
+    /// Something worth knowing before it begins.
+    pub fn remark(&self, text: &str) {
+        if !self.quiet {
+            self.tell(Level::WARN, text);
+        }
+    }
+
+    fn print(&self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| write_line(line)),
+            None => write_line(line),
+        }
+    }
+
+    /// Something happened: as a line, or as JSON.
+    fn tell(&self, level: Level, line: &str) {
+        match level {
+            _ if !self.json => self.print(line),
+            Level::WARN => tracing::warn!("{line}"),
+            _ => tracing::info!("{line}"),
+        }
     }
 
     fn speed(&mut self, sensor: &Health) -> Option<f64> {
@@ -51,19 +78,23 @@ fn style(known_length: bool) -> ProgressStyle {
 
 impl Observer for Display {
     fn event(&mut self, event: &Event<'_>) {
-        let text = match event {
-            // What went wrong is always worth a line, what goes well is not.
+        // What went wrong is always worth a line, what goes well is not.
+        let (level, text) = match event {
             Event::Restarting { name, why, number, after } => {
-                format!("{name} died ({why}): restart {number} in {:.1} s", after.as_secs_f64())
+                (Level::WARN, format!("{name} died ({why}): restart {number} in {:.1} s", after.as_secs_f64()))
             }
-            Event::GivenUp { name, why } => format!("{name} died ({why}): given up, the others go on without it"),
-            Event::Rebuilt { why } => format!("{why}: the graph's shared memory is made anew"),
-            _ if !self.verbose => return,
-            Event::Started { name, pid } => format!("{name} started (process {pid})"),
-            Event::Ready => "all services ready".to_owned(),
-            Event::Ended { name, how } => format!("{name} ended: {how}"),
+            Event::GivenUp { name, why } => {
+                (Level::WARN, format!("{name} died ({why}): given up, the others go on without it"))
+            }
+            Event::Rebuilt { why } => (Level::WARN, format!("{why}: the graph's shared memory is made anew")),
+            Event::Note { name, what } => (Level::WARN, format!("{name} {what}")),
+            _ if !self.lives => return,
+            Event::Started { name, pid } => (Level::INFO, format!("{name} started (process {pid})")),
+            Event::Ready => (Level::INFO, "all services ready".to_owned()),
+            Event::Stopping { signal } => (Level::INFO, format!("{signal}: the graph ends")),
+            Event::Ended { name, how } => (Level::INFO, format!("{name} ended: {how}")),
         };
-        self.line(&text);
+        self.tell(level, &text);
     }
 
     fn progress(&mut self, progress: &Progress<'_>) {
@@ -71,36 +102,45 @@ impl Observer for Display {
             return;
         }
         let (ready, all) = progress.ready;
+        let speed = progress.sensor.and_then(|sensor| self.speed(sensor));
         let text = match progress.sensor {
+            _ if !progress.finishing.is_empty() => format!("waiting for {}", progress.finishing.join(", ")),
             Some(sensor) if ready == all || sensor.progress > 0 => {
-                let speed = self.speed(sensor).map_or(String::new(), |speed| format!(", {speed:.1} × real time"));
+                let speed = speed.map_or(String::new(), |speed| format!(", {speed:.1} × real time"));
                 format!("{} messages{speed}", sensor.progress)
             }
             _ => format!("{ready} of {all} services ready"),
         };
-        let total = progress.sensor.map_or(0, |sensor| sensor.total);
+        let (messages, total) = progress.sensor.map_or((0, 0), |sensor| (sensor.progress, sensor.total));
         match &self.bar {
             Some(bar) => {
                 if total > 0 && bar.length().is_none() {
                     bar.set_length(total);
                     bar.set_style(style(true));
                 }
-                bar.set_position(progress.sensor.map_or(0, |sensor| sensor.progress));
+                bar.set_position(messages);
                 bar.set_message(text);
             }
             None if Instant::now() >= self.next_line => {
                 self.next_line = Instant::now() + LINE_EVERY;
-                let of = if total > 0 { format!(" of {total}") } else { String::new() };
-                self.line(&format!("{text}{of}"));
+                if self.json {
+                    tracing::info!(messages, total, times_real_time = speed, "progress: {text}");
+                    return;
+                }
+                let of =
+                    if total > 0 && progress.finishing.is_empty() { format!(" of {total}") } else { String::new() };
+                self.print(&format!("{text}{of}"));
             }
             None => {}
         }
     }
 
-    fn line(&mut self, line: &str) {
-        match &self.bar {
-            Some(bar) => bar.suspend(|| write_line(line)),
-            None => write_line(line),
+    fn line(&mut self, name: &str, line: &str) {
+        // Not every service logs as it is told to.
+        if self.json && !line.starts_with('{') {
+            tracing::warn!(of = name, "{line}");
+        } else {
+            self.print(line);
         }
     }
 }

@@ -55,7 +55,7 @@ pub struct Summary {
     pub resolution_m: f64,
     /// Width and height of what is known, metres.
     pub extent_m: [f64; 2],
-    /// Of the recording that was played, seconds; none for a sensor that is no recording.
+    /// Of the drive, by the sensor's clock, seconds; none if no stream had a message.
     pub recorded_s: Option<f64>,
     /// From all services ready to all gone, seconds.
     pub elapsed_s: f64,
@@ -129,7 +129,7 @@ pub struct Cells {
 }
 
 impl Summary {
-    /// Of a run over a recording that begins at `first_ns` (none: the sensor is no recording), with cells
+    /// Of a run over a recording that begins at `first_ns` (none: as the services say), with cells
     /// of `resolution_m`.
     #[must_use]
     pub fn of(outcome: &Outcome, source: String, first_ns: Option<u64>, resolution_m: f64) -> Self {
@@ -175,7 +175,7 @@ impl Summary {
             cells: Cells { known: map.cells_known, occupied: map.cells_occupied, free: map.cells_free },
             resolution_m,
             extent_m,
-            recorded_s: first_ns.map(|first_ns| last_ns.saturating_sub(first_ns) as f64 * 1e-9),
+            recorded_s: first_ns.or(outcome.first_ns).map(|first_ns| last_ns.saturating_sub(first_ns) as f64 * 1e-9),
             elapsed_s: outcome.elapsed.as_secs_f64(),
             startup_s: outcome.startup.as_secs_f64(),
             faulty_messages: sum(outcome.health.values().map(|health| health.faults)),
@@ -326,9 +326,11 @@ mod tests {
             progress: u64::MAX,
             total: 0,
             stamp_ns: u64::MAX,
+            first_stamp_ns: u64::MAX,
             faults: u64::MAX,
             lost: u64::MAX,
             acks: Vec::new(),
+            waits_for: None,
             last_error: String::new(),
         };
         let health = ["a", "b"].map(|name| (name.to_owned(), health(name))).into();

@@ -18,6 +18,7 @@ use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
 
+use super::folder;
 use super::spool::Spool;
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
@@ -45,6 +46,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let config = loaded.config();
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
+    if plays_log(config) {
+        check_rereadable(&config.replay.log)?;
+    }
     let survey =
         plays_log(config).then(|| log::survey_with(&config.replay.log, config.replay.survey_options())).transpose()?;
     if let Some(survey) = survey.as_ref().filter(|_| config.localizer.needs_truth()) {
@@ -81,6 +85,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let ready_within = Duration::from_secs_f64(config.supervision.ready_within_s) + 4 * surveyed.elapsed();
     probe_record(&config.simulator.record, &config.run.out)?;
     probe_output(&config.run.out)?;
+    let _ours = folder::take(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
@@ -104,17 +109,27 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         services: &config.services,
         plan,
         log_filter: view.log_level.as_deref(),
-        log_json: view.log_format == "json",
+        log_json: view.logs_json(),
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),
         ready_within,
         supervision: &config.supervision,
     };
     limits::allow_files(limits::files_needed(config.services.len() as u64));
     let start = SystemTime::now();
-    let mut display = Display::new(view.quiet, view.verbose);
+    let mut display = Display::new(view.quiet, view.tells_lives());
+    if !request.resume
+        && MapFiles::names(&config.publisher.map_files()).iter().any(|name| config.run.out.join(name).exists())
+    {
+        display.remark(&format!(
+            "{}: the map of an earlier run is replaced there when this one is saved (--out names another folder)",
+            config.run.out.display()
+        ));
+    }
     let outcome = supervisor::run(graph, &mut display)?;
     drop(display);
     outcome.check().with_context(|| kept(config, start))?;
+    // Before what the run could be resumed from is removed.
+    check_saved(config, &outcome, start)?;
     spool.map_or(Ok(()), Spool::remove)?;
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
@@ -217,6 +232,17 @@ pub fn provenance(config: &Config, survey: Option<&LogSurvey>) -> Result<Provena
     })
 }
 
+/// A log is read twice, by the launcher and by the sensor, and once more by a sensor that is started again.
+fn check_rereadable(log: &Path) -> Result<()> {
+    let is_stream = std::fs::metadata(log).is_ok_and(|meta| !meta.is_file() && !meta.is_dir());
+    ensure!(
+        !is_stream,
+        "{}: a pipe or device can be read only once; expected a file (save it first: cat PIPE > drive.log)",
+        log.display()
+    );
+    Ok(())
+}
+
 /// An output directory that can't be written is said now, not after the drive.
 fn probe_output(out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("making the output directory {}", out.display()))?;
@@ -251,6 +277,21 @@ fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
     names.extend([SONARS_FILE.to_owned(), READINGS_FILE.to_owned()]);
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
     names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
+}
+
+/// Whatever was mapped must lie on the disk now.
+fn check_saved(config: &Config, outcome: &supervisor::Outcome, start: SystemTime) -> Result<()> {
+    let cells = outcome.map.as_ref().map_or(0, |map| map.cells_known);
+    let publishes = |exec: &Exec| *exec == Exec::Builtin(Builtin::Publisher);
+    let has_publisher = config.services.values().any(|service| publishes(&service.exec));
+    let given_up = !outcome.given_up.is_empty();
+    ensure!(
+        cells == 0 || !has_publisher || given_up || !written(config, start).is_empty(),
+        "{} cells were mapped, and no map was saved in {}",
+        cells,
+        config.run.out.display()
+    );
+    Ok(())
 }
 
 /// Where the map so far is, for whoever reads the error.

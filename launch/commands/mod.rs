@@ -7,6 +7,7 @@ mod demo;
 mod doctor;
 mod evaluate;
 mod experiment;
+mod folder;
 mod graph;
 mod observer;
 mod score;
@@ -24,7 +25,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_replay::config::{LogUnit, ReplayConfig};
-use echogrid_service::in_words;
+use echogrid_service::{in_words, logging};
 
 use crate::cli::{Cli, Command, Experiment, View};
 use crate::config::LoadRequest;
@@ -34,6 +35,8 @@ pub use graph::provenance;
 /// Carries out a command: 0 done, 1 failed with one error on standard error.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
+    let view = cli.command.as_ref().and_then(Command::view);
+    let _whose = view.filter(|view| view.logs_json()).map(|_| logging::start_json("launcher"));
     let result = match cli.command {
         None => demo::run(LoadRequest::default(), &View::default()),
         Some(Command::Demo { seed, settings, view }) => {
@@ -111,6 +114,10 @@ pub fn run(cli: Cli) -> ExitCode {
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
+        Err(error) if logging::is_json() => {
+            tracing::error!("{}", in_words(&error));
+            ExitCode::FAILURE
+        }
         Err(error) => {
             // Standard error may be closed; nobody is there to hear of that.
             let _ = writeln!(std::io::stderr(), "echogrid: {}", in_words(&error));

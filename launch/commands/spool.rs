@@ -21,6 +21,9 @@ pub(super) struct Spool {
 #[derive(Debug, Serialize, Deserialize)]
 struct RunFile {
     epoch: u64,
+    /// Whether it came to its end: what lies beside this is left over.
+    #[serde(default)]
+    ended: bool,
     /// What the run was started with: another configuration would make another map.
     config: Table,
 }
@@ -35,14 +38,20 @@ impl Spool {
         let file = folder.join(RUN_FILE);
         let mut config = config.clone();
         FREE.iter().for_each(|section| drop(config.remove(*section)));
+        let shown = || file.display().to_string();
         if file.exists() {
+            let text = std::fs::read_to_string(&file).with_context(shown)?;
+            let run: RunFile = toml::from_str(&text).with_context(shown)?;
+            if run.ended {
+                // Its launcher died while it tidied up.
+                Self { folder: folder.into(), run }.sweep()?;
+                return Self::open(folder, resumes, epoch, &config);
+            }
             ensure!(
                 resumes,
                 "{}: a run that did not come to its end is spooled there; go on with it (--resume), or remove the folder",
                 folder.display()
             );
-            let text = std::fs::read_to_string(&file).with_context(|| file.display().to_string())?;
-            let run: RunFile = toml::from_str(&text).with_context(|| file.display().to_string())?;
             if let Some(difference) = difference("", &run.config, &config) {
                 bail!("{}: this run can't be resumed with another configuration: {difference}", folder.display());
             }
@@ -50,11 +59,25 @@ impl Spool {
         }
         ensure!(!resumes, "{}: no run to resume there (no {RUN_FILE})", folder.display());
         std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
-        let run = RunFile { epoch, config };
-        let new = file.with_extension("new");
-        let write = || std::fs::write(&new, toml::to_string(&run)?).map_err(anyhow::Error::from);
-        write().and_then(|()| Ok(std::fs::rename(&new, &file)?)).with_context(|| file.display().to_string())?;
-        Ok(Self { folder: folder.into(), run })
+        if let Some(store) = stores(folder)?.first() {
+            bail!(
+                "{}: {} is of a run whose {RUN_FILE} is gone, which can't be told from this one; remove it, or choose another \
+                 folder",
+                folder.display(),
+                store.file_name().unwrap_or_default().display()
+            );
+        }
+        let spool = Self { folder: folder.into(), run: RunFile { epoch, ended: false, config } };
+        spool.write()?;
+        Ok(spool)
+    }
+
+    /// Writes what the run is, so that it outlives the machine.
+    fn write(&self) -> Result<()> {
+        let file = self.folder.join(RUN_FILE);
+        let text = toml::to_string(&self.run)?;
+        echogrid_formats::write_whole(&file, text.as_bytes())?;
+        Ok(())
     }
 
     /// The run's, over all its resumptions.
@@ -68,13 +91,17 @@ impl Spool {
     }
 
     /// The run came to its end: nothing is left to resume.
-    pub(super) fn remove(self) -> Result<()> {
-        // First what says that there is a run.
-        let mut files = vec![self.folder.join(RUN_FILE)];
-        let entries = std::fs::read_dir(&self.folder).with_context(|| self.folder.display().to_string())?;
-        files.extend(
-            entries.flatten().map(|entry| entry.path()).filter(|path| path.extension().is_some_and(|e| e == "redb")),
-        );
+    pub(super) fn remove(mut self) -> Result<()> {
+        // Whoever dies from here on leaves what nobody takes for a run.
+        self.run.ended = true;
+        self.write()?;
+        self.sweep()
+    }
+
+    /// Removes what there is of it; last what says so.
+    fn sweep(&self) -> Result<()> {
+        let mut files = stores(&self.folder)?;
+        files.push(self.folder.join(RUN_FILE));
         for file in files {
             std::fs::remove_file(&file).with_context(|| file.display().to_string())?;
         }
@@ -82,6 +109,18 @@ impl Spool {
         let _ = std::fs::remove_dir(&self.folder);
         Ok(())
     }
+}
+
+/// What services stored in a folder, and what they had begun to.
+fn stores(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let is_store = |path: &PathBuf| {
+        let extension = path.extension().unwrap_or_default().to_string_lossy();
+        extension == "redb" || extension.starts_with("new-")
+    };
+    let mut stores: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_store).collect();
+    stores.sort();
+    Ok(stores)
 }
 
 /// The first key that differs, and how.
@@ -126,5 +165,16 @@ mod tests {
         std::fs::write(folder.join("mapper.redb"), "").unwrap();
         resumed.remove().unwrap();
         assert!(!folder.exists());
+        // What a launcher left that died while it tidied up is no run.
+        let mut ended = open(false, 3, &first).unwrap();
+        ended.run.ended = true;
+        ended.write().unwrap();
+        std::fs::write(folder.join("mapper.redb"), "").unwrap();
+        assert!(told(open(true, 4, &first)).contains("no run to resume"));
+        // Nor is a store without the word that says of what.
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(folder.join("mapper.redb"), "").unwrap();
+        let error = told(open(false, 5, &first));
+        assert!(error.contains("mapper.redb is of a run whose run.toml is gone"), "{error}");
     }
 }

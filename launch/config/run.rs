@@ -18,7 +18,7 @@ pub struct RunConfig {
     pub domain: Domain,
     /// `auto` (what the log says), the name of a built-in robot, or a robot file.
     pub robot: String,
-    /// A service of which nothing is heard for so long hangs, and is killed; seconds.
+    /// A service of which nothing is heard for so long, and that does not work, hangs and is killed; seconds.
     pub alive_within_s: f64,
     /// The folder in which services store what a run can be resumed from when all of it died; empty: nowhere.
     pub spool: PathBuf,

@@ -17,6 +17,7 @@ use echogrid_topics::{Health, ServiceState};
 use nix::sys::signal::{Signal, kill};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, pidfd_open, prlimit, setpriority_process};
 
+use super::signs::Signs;
 use crate::config::{Care, Exec, Service};
 
 /// The launcher's own executable: the one that runs, whatever lies in its place by now.
@@ -25,6 +26,8 @@ pub(super) const OWN: &str = "/proc/self/exe";
 /// A line that a process wrote to standard error.
 #[derive(Debug)]
 pub(super) struct Line {
+    /// The service.
+    pub(super) name: String,
     pub(super) text: String,
 }
 
@@ -38,6 +41,12 @@ pub(super) struct Process {
     /// When it said that it is ready.
     pub(super) ready_at: Option<Instant>,
     last_heard: Option<Instant>,
+    /// What the system shows of it.
+    pub(super) signs: Signs,
+    /// When it last waited for one that had a reason to keep it waiting.
+    pub(super) waited: Option<Instant>,
+    /// Whether it was said that it is silent.
+    pub(super) told_silent: bool,
     pub(super) health: Option<Health>,
     pub(super) status: Option<ExitStatus>,
     /// SIGTERMs sent so far.
@@ -54,6 +63,7 @@ impl Process {
         gone: &str,
         logging: &BTreeMap<&str, String>,
         lines: &Sender<Line>,
+        now: Instant,
     ) -> Result<Self> {
         let mut command = match &service.exec {
             Exec::Builtin(builtin) => {
@@ -84,13 +94,13 @@ impl Process {
         let pidfd = pidfd(&child)?;
         limit(&child, name, &service.care)?;
         if let Some(stderr) = child.stderr.take() {
-            let lines = lines.clone();
+            let (lines, service) = (lines.clone(), name.to_owned());
             std::thread::Builder::new()
                 .name(format!("stderr of {name}"))
                 .spawn(move || {
                     for line in BufReader::new(stderr).split(b'\n').map_while(Result::ok) {
                         let text = String::from_utf8_lossy(&line).into_owned();
-                        if lines.send(Line { text }).is_err() {
+                        if lines.send(Line { name: service.clone(), text }).is_err() {
                             break;
                         }
                     }
@@ -101,9 +111,12 @@ impl Process {
             name: name.into(),
             child,
             pidfd,
-            started: Instant::now(),
+            started: now,
             ready_at: None,
             last_heard: None,
+            signs: Signs::default(),
+            waited: None,
+            told_silent: false,
             health: None,
             status: None,
             asked: 0,
@@ -118,10 +131,20 @@ impl Process {
         self.status.is_none()
     }
 
-    /// Whether it did all that it was there for.
-    pub(super) fn succeeded(&self) -> bool {
-        let is_finished = self.health.as_ref().is_some_and(|health| health.state == ServiceState::Finished);
-        self.status.is_some_and(|status| status.success() || is_finished)
+    /// Whether it did all that it was there for. Who leaves while it takes messages, and was not asked to, did not, however
+    /// well it says that it went; of a sensor those who wait for the end of its streams know better.
+    pub(super) fn succeeded(&self, is_sensor: bool) -> bool {
+        let state = self.health.as_ref().map_or(ServiceState::Starting, |health| health.state);
+        let may_leave = is_sensor || self.asked > 0 || state > ServiceState::Running;
+        self.status.is_some_and(|status| status.success() && may_leave) || state == ServiceState::Finished
+    }
+
+    /// Whether it died of a signal that asks to end.
+    pub(super) fn was_terminated(&self) -> bool {
+        let Some(status) = self.status else { return false };
+        let signal = status.signal().or(status.code().map(|code| code - 128));
+        let asks = [Signal::SIGHUP, Signal::SIGINT, Signal::SIGTERM];
+        signal.is_some_and(|signal| asks.iter().any(|asks| *asks as i32 == signal))
     }
 
     /// Whether it said that it could not enter the graph.
@@ -145,8 +168,7 @@ impl Process {
     }
 
     /// Takes note of what it says of itself.
-    pub(super) fn hear(&mut self, health: Health) {
-        let now = Instant::now();
+    pub(super) fn hear(&mut self, health: Health, now: Instant) {
         self.last_heard = Some(now);
         if health.state > ServiceState::Starting {
             self.ready_at.get_or_insert(now);
@@ -177,6 +199,13 @@ impl Process {
         }
     }
 
+    /// Asks it to end, if that was not done yet.
+    pub(super) fn ask_once(&mut self) {
+        if self.asked == 0 {
+            self.ask_to_stop();
+        }
+    }
+
     /// Ends it now.
     pub(super) fn kill(&mut self) {
         if self.is_alive() {
@@ -191,6 +220,9 @@ impl Process {
         match (self.status, told) {
             (_, Some(error)) => error.to_owned(),
             (None, None) => "still running".to_owned(),
+            (Some(status), None) if status.success() && !self.succeeded(false) => {
+                "left, though its streams had not ended".to_owned()
+            }
             (Some(status), None) if status.success() => "done".to_owned(),
             (Some(status), None) => match (status.code(), status.signal()) {
                 (Some(code), _) => format!("exit code {code}"),

@@ -5,11 +5,13 @@
 //! or the user asks, at once when one of them is given up and nothing more can come.
 
 mod child;
+mod clock;
 mod deadlines;
 mod janitor;
 mod policy;
 mod ports;
 mod run;
+mod signs;
 mod systemd;
 mod unit;
 
@@ -19,6 +21,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use child::{Line, Process, logging_environment};
+use clock::Clock;
+use deadlines::Debt;
 use echogrid_service::signals::Signals;
 use echogrid_topics::{Health, Message, Received, ServiceState};
 use janitor::{Cleaned, Janitor};
@@ -66,12 +70,16 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
         signals,
         lines,
         sender,
-        started: now,
+        clock: Clock::new(now),
+        now,
+        wall: (now, None),
         ready: None,
         first_output: None,
         ending: None,
         failed: None,
         waiting_since: None,
+        winding_down: None,
+        mark: Vec::new(),
         rebuilds: 0,
         systemd: Systemd::new(),
         outcome: Outcome::default(),
@@ -84,6 +92,9 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
 /// Why the graph is ending, and how far it has been pressed.
 #[derive(Debug)]
 struct Ending {
+    asked: Instant,
+    /// What all may take from one step forward to the next.
+    within: Duration,
     deadline: Instant,
     pressed: u32,
 }
@@ -99,15 +110,23 @@ struct Supervisor<'a> {
     signals: Signals,
     lines: Receiver<Line>,
     sender: Sender<Line>,
-    started: Instant,
+    clock: Clock,
+    /// What time it is for deadlines: the launcher's own.
+    now: Instant,
+    /// On the wall, for the summary: when it began, and when all were ready.
+    wall: (Instant, Option<Instant>),
     ready: Option<Instant>,
     /// When the sensor was first known to have sent something.
     first_output: Option<Instant>,
     ending: Option<Ending>,
     /// The service farthest upstream that failed.
     failed: Option<ServiceKind>,
-    /// Who waits for an end of the sensor's streams, with how many messages, since when.
-    waiting_since: Option<((ServiceKind, u64), Instant)>,
+    /// Who waits in vain for something of the sensor, since when.
+    waiting_since: Option<(Debt, Instant)>,
+    /// Those downstream of it are asked to end, one kind after the other, as nobody upstream will tell them.
+    winding_down: Option<ServiceKind>,
+    /// How far all were when that was looked at last.
+    mark: Vec<(u32, u64)>,
     rebuilds: u32,
     systemd: Systemd,
     outcome: Outcome,
@@ -119,16 +138,20 @@ impl<'a> Supervisor<'a> {
         while self.units.iter().any(Unit::is_here) {
             self.start_who_is_due(observer)?;
             self.wait()?;
-            self.take_signals()?;
+            self.now = self.clock.look(Instant::now());
+            self.take_signals(observer)?;
             self.take_messages()?;
             if self.ready.is_none() && self.units.iter().all(Unit::is_ready) {
-                self.ready = Some(Instant::now());
+                self.ready = Some(self.now);
+                self.wall.1 = Some(Instant::now());
                 self.systemd.ready();
                 observer.event(&Event::Ready);
             }
             self.reap(observer)?;
+            self.look_at_processes(observer);
             self.check_deadlines(observer)?;
             self.look_at_the_janitor(observer)?;
+            self.hurry();
             self.wind_down();
             self.systemd.watchdog();
             self.show(observer);
@@ -141,7 +164,7 @@ impl<'a> Supervisor<'a> {
         if self.janitor.is_some() || self.needs_janitor {
             return Ok(());
         }
-        let now = Instant::now();
+        let now = self.now;
         let gone: Vec<&str> = self
             .units
             .iter()
@@ -152,7 +175,7 @@ impl<'a> Supervisor<'a> {
         let environment = logging_environment(self.graph.log_filter, self.graph.log_json);
         let domain = self.graph.domain.name();
         for unit in self.units.iter_mut().filter(|unit| matches!(unit.stage, Stage::Waiting(due) if due <= now)) {
-            let process = Process::start(&unit.name, &unit.service, domain, &gone, &environment, &self.sender)?;
+            let process = Process::start(&unit.name, &unit.service, domain, &gone, &environment, &self.sender, now)?;
             observer.event(&Event::Started { name: &unit.name, pid: process.pid() });
             unit.process = Some(process);
             unit.stage = Stage::Alive;
@@ -165,7 +188,7 @@ impl<'a> Supervisor<'a> {
         fds.extend(self.units.iter().filter_map(Unit::alive).map(Process::fd));
         fds.extend(self.janitor.as_ref().map(Janitor::fd));
         let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
-        let now = Instant::now();
+        let now = self.now;
         let due = self.units.iter().filter_map(|unit| match unit.stage {
             Stage::Waiting(due) => Some(due.saturating_duration_since(now)),
             _ => None,
@@ -179,14 +202,17 @@ impl<'a> Supervisor<'a> {
         }
     }
 
-    fn take_signals(&mut self) -> Result<()> {
-        while self.signals.next()?.is_some() {
+    fn take_signals(&mut self, observer: &mut dyn Observer) -> Result<()> {
+        while let Some(caught) = self.signals.next()? {
             self.systemd.stopping();
             if self.outcome.stopped {
                 // The second time: now.
-                self.ending = Some(Ending { deadline: Instant::now(), pressed: 2 });
+                self.outcome.abandoned = true;
+                let (asked, within) = (self.now, Duration::ZERO);
+                self.ending = Some(Ending { asked, within, deadline: asked, pressed: 2 });
             } else {
                 self.outcome.stopped = true;
+                observer.event(&Event::Stopping { signal: caught.signal.as_str() });
                 self.end(LEAVE_WITHIN);
             }
         }
@@ -197,13 +223,20 @@ impl<'a> Supervisor<'a> {
     fn end(&mut self, within: Duration) {
         // After a failure a spooled run is to be resumed: nobody is to think that its stream has ended.
         let resumable = self.failed.is_some() && self.graph.plan.synced;
+        let mut nobody_tells = false;
         for unit in self.units.iter_mut().filter(|unit| unit.kind == ServiceKind::Sensor) {
+            let is_here = unit.is_here();
             match unit.alive_mut() {
                 Some(process) if resumable => {
                     process.kill();
                     unit.stage = Stage::Lost;
                 }
                 Some(process) => process.ask_to_stop(),
+                // It would begin anew, and nobody would ask it to end again.
+                None if is_here => {
+                    unit.stage = Stage::Lost;
+                    nobody_tells = true;
+                }
                 None => {}
             }
         }
@@ -213,27 +246,52 @@ impl<'a> Supervisor<'a> {
                 .iter_mut()
                 .filter(|unit| matches!(unit.stage, Stage::Waiting(_)))
                 .for_each(|unit| unit.stage = Stage::Lost);
+        } else if nobody_tells {
+            self.winding_down.get_or_insert(ServiceKind::Sensor);
         }
-        self.ending.get_or_insert(Ending { deadline: Instant::now() + within, pressed: 0 });
+        let (asked, deadline) = (self.now, self.now + within);
+        self.ending.get_or_insert(Ending { asked, within, deadline, pressed: 0 });
     }
 
     /// A service of this kind is no more, and nobody downstream will hear the end of its streams.
     fn end_after_failure(&mut self, kind: ServiceKind) {
         self.failed = Some(self.failed.map_or(kind, |failed| failed.min(kind)));
+        self.winding_down = self.failed;
         self.end(LEAVE_AFTER_FAILURE);
     }
 
-    /// After a failure those downstream save what they have. They are asked one after the other: who
+    /// Who stopped the graph does not want to wait until a slow mapper has taken in all that was on its way to it.
+    fn hurry(&mut self) {
+        let Some(ending) = self.ending.as_ref().filter(|_| self.failed.is_none() && self.winding_down.is_none()) else {
+            return;
+        };
+        let sensor_runs = self.units.iter().any(|unit| unit.kind == ServiceKind::Sensor && unit.is_running());
+        if sensor_runs || self.now.saturating_duration_since(ending.asked) < LEAVE_WITHIN {
+            return;
+        }
+        for kind in [ServiceKind::Mapper, ServiceKind::Publisher] {
+            let mut here = self.units.iter_mut().filter(|unit| unit.kind == kind && unit.is_here()).peekable();
+            if here.peek().is_some() {
+                here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Process::ask_once);
+                return;
+            }
+        }
+    }
+
+    /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
     /// is asked has heard the last of whoever was before it.
     fn wind_down(&mut self) {
-        let Some(failed) = self.failed else { return };
-        let downstream = self.units.iter().filter(|unit| unit.alive().is_some() && unit.kind > failed);
+        let Some(from) = self.winding_down else { return };
+        let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.kind > from);
         if let Some(next) = downstream.map(|unit| unit.kind).min() {
-            let next = self.units.iter_mut().filter(|unit| unit.kind == next).filter_map(Unit::alive_mut);
-            next.filter(|process| process.asked == 0).for_each(Process::ask_to_stop);
+            let next = self.units.iter_mut().filter(|unit| unit.kind == next);
+            // Before it is ready a request would end it at once.
+            let ready = next.filter(|unit| unit.is_ready() || self.failed.is_some());
+            ready.filter_map(Unit::alive_mut).for_each(Process::ask_once);
         } else if let Some(ending) = self.ending.as_mut().filter(|ending| ending.pressed == 0) {
             // Those upstream wait in vain for the one that failed.
-            ending.deadline = ending.deadline.min(Instant::now() + LAST_WORDS);
+            ending.within = ending.within.min(LAST_WORDS);
+            ending.deadline = ending.deadline.min(self.now + LAST_WORDS);
         }
     }
 
@@ -243,7 +301,9 @@ impl<'a> Supervisor<'a> {
         while let Some(received) = self.ports.health.receive()? {
             let Received::Message(_, Message::Health(health)) = received else { continue };
             if let Some(unit) = self.units.iter_mut().find(|unit| unit.name == health.service) {
-                newcomers |= unit.hear(health);
+                let first_ns = Some(health.first_stamp_ns).filter(|first_ns| *first_ns > 0);
+                self.outcome.first_ns = self.outcome.first_ns.into_iter().chain(first_ns).min();
+                newcomers |= unit.hear(health, self.now);
             }
         }
         if newcomers {
@@ -287,15 +347,28 @@ impl<'a> Supervisor<'a> {
         let graph = self.graph;
         let unit = &mut self.units[index];
         observer.event(&Event::Ended { name: &unit.name, how: why.to_owned() });
-        if unit.process.as_ref().is_some_and(Process::succeeded) {
+        if unit.process.as_ref().is_some_and(|process| process.succeeded(unit.kind == ServiceKind::Sensor)) {
             unit.stage = Stage::Done;
             return self.tell_who_is_gone();
         }
         self.needs_janitor = true;
         let found_no_graph = unit.process.as_ref().is_some_and(Process::found_no_graph) && unit.failed_to_start();
         let restart = unit.service.care.restart;
-        let decision =
-            policy::decide(graph.supervision, restart, self.ending.is_some(), &mut unit.recent, Instant::now());
+        if self.ending.is_some()
+            && self.failed.is_none()
+            && unit.kind == ServiceKind::Sensor
+            && unit.process.as_ref().is_some_and(Process::was_terminated)
+        {
+            // Whoever stopped the graph told everybody (`systemctl kill`): what it had given is what there is.
+            unit.stage = Stage::Lost;
+            self.winding_down.get_or_insert(ServiceKind::Sensor);
+            return self.tell_who_is_gone();
+        }
+        // Until all is saved, those who are to save it are needed.
+        let is_over = self.ending.as_ref().is_some_and(|ending| {
+            self.failed.is_some() || ending.pressed > 0 || unit.kind == ServiceKind::Sensor || self.outcome.abandoned
+        });
+        let decision = policy::decide(graph.supervision, restart, is_over, &mut unit.recent, self.now);
         match decision {
             Decision::Restart(..) if unit.process.as_ref().is_some_and(Process::failed_in_vain) => {
                 self.given_up(index, why, String::new(), observer)?;
@@ -303,7 +376,7 @@ impl<'a> Supervisor<'a> {
             Decision::Restart(after, number) => {
                 unit.restarts += 1;
                 observer.event(&Event::Restarting { name: &unit.name, why, number, after });
-                let due = Instant::now() + after;
+                let due = self.now + after;
                 unit.stage = Stage::Waiting(due);
                 if graph.supervision.strategy == Strategy::RestForOne {
                     self.restart_downstream(index, due);
@@ -396,7 +469,7 @@ impl<'a> Supervisor<'a> {
             return Ok(());
         }
         observer.event(&Event::Rebuilt { why });
-        let now = Instant::now();
+        let now = self.now;
         for unit in &mut self.units {
             if let Some(process) = unit.alive_mut() {
                 process.kill();
@@ -408,14 +481,18 @@ impl<'a> Supervisor<'a> {
     }
 
     fn check_deadlines(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        let now = Instant::now();
-        while let Some((index, why)) = self.hanging(now) {
+        let now = self.now;
+        while let Some((index, why)) = self.hanging() {
             if let Some(process) = self.units[index].alive_mut() {
                 process.kill();
             }
             self.buried(index, &why, observer)?;
         }
-        self.check_for_a_missing_end(now);
+        self.check_for_what_is_owed();
+        let gets_on = self.ending.is_some() && self.gets_on();
+        if let Some(ending) = self.ending.as_mut().filter(|ending| gets_on && ending.pressed == 0) {
+            ending.deadline = ending.deadline.max(now + ending.within);
+        }
         let Some(ending) = self.ending.as_mut().filter(|ending| now >= ending.deadline) else { return Ok(()) };
         ending.deadline = now + LAST_WORDS;
         ending.pressed += 1;
@@ -439,11 +516,16 @@ impl<'a> Supervisor<'a> {
 
     fn show(&mut self, observer: &mut dyn Observer) {
         while let Ok(line) = self.lines.try_recv() {
-            observer.line(&line.text);
+            observer.line(&line.name, &line.text);
         }
         let sensor = self.units.iter().find(|unit| unit.kind == ServiceKind::Sensor);
         let ready = self.units.iter().filter(|unit| unit.is_ready()).count();
+        let is_over = self.ending.is_some() || sensor.is_some_and(Unit::has_ended);
+        let finishing = self.units.iter().rev().filter(|unit| is_over && unit.is_here());
+        // Those upstream wait for those downstream.
+        let finishing = finishing.filter(|unit| unit.kind > ServiceKind::Odometry).map(|unit| unit.name.as_str());
         observer.progress(&Progress {
+            finishing: finishing.collect(),
             sensor: sensor.and_then(|unit| unit.health.as_ref()),
             ready: (ready, self.units.len()),
         });
@@ -455,11 +537,11 @@ impl<'a> Supervisor<'a> {
         // Ends when the processes' ends of the pipes are closed, which they are.
         drop(std::mem::replace(&mut self.sender, channel().0));
         while let Ok(line) = self.lines.recv_timeout(TICK) {
-            observer.line(&line.text);
+            observer.line(&line.name, &line.text);
         }
         let now = Instant::now();
-        let ready = self.ready.unwrap_or(now);
-        self.outcome.startup = ready.saturating_duration_since(self.started);
+        let ready = self.wall.1.unwrap_or(now);
+        self.outcome.startup = ready.saturating_duration_since(self.wall.0);
         self.outcome.elapsed = now.saturating_duration_since(ready);
         for unit in &mut self.units {
             if unit.restarts > 0 {

@@ -37,6 +37,8 @@ pub struct Progress<'a> {
     pub sensor: Option<&'a Health>,
     /// How many services are ready, and of how many.
     pub ready: (usize, usize),
+    /// The services that are still there when the sensor has no more to give, farthest downstream first.
+    pub finishing: Vec<&'a str>,
 }
 
 /// Something that happens once.
@@ -69,6 +71,18 @@ pub enum Event<'a> {
         /// How soon.
         after: Duration,
     },
+    /// The user has the graph end.
+    Stopping {
+        /// The signal that said so.
+        signal: &'static str,
+    },
+    /// Something of a service that is no fault, and good to know.
+    Note {
+        /// The service.
+        name: &'a str,
+        /// What, for people.
+        what: String,
+    },
     /// It will not, and the others go on.
     GivenUp {
         /// The service.
@@ -89,8 +103,8 @@ pub trait Observer {
     fn event(&mut self, event: &Event<'_>);
     /// Called about ten times a second.
     fn progress(&mut self, progress: &Progress<'_>);
-    /// A line that a service logged.
-    fn line(&mut self, line: &str);
+    /// A line that the service `name` logged.
+    fn line(&mut self, name: &str, line: &str);
 }
 
 /// How a run ended.
@@ -104,6 +118,10 @@ pub struct Outcome {
     pub health: BTreeMap<String, Health>,
     /// Whether the user stopped it.
     pub stopped: bool,
+    /// Whether the user did so twice: nobody was waited for.
+    pub abandoned: bool,
+    /// The first stamp of the sensor's streams, nanoseconds.
+    pub first_ns: Option<u64>,
     /// Start to all services ready.
     pub startup: Duration,
     /// All services ready to all services gone.
@@ -146,10 +164,20 @@ impl Outcome {
         if self.failures.is_empty() && self.killed.is_empty() {
             return Ok(());
         }
+        let lost = match &self.map {
+            Some(map) if self.abandoned => {
+                format!(
+                    "; stopped at once, as you asked twice: of {} scans in the map, what was not saved is lost",
+                    map.scans
+                )
+            }
+            _ if self.abandoned => "; stopped at once, as you asked twice".to_owned(),
+            _ => String::new(),
+        };
         let killed = if self.killed.is_empty() {
-            String::new()
+            lost
         } else {
-            format!(" (would not leave and was killed: {})", self.killed.join(", "))
+            format!(" (would not leave and was killed: {}{lost})", self.killed.join(", "))
         };
         match self.failures.first() {
             Some(cause) => bail!("{cause}{killed}"),

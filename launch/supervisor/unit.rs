@@ -82,16 +82,21 @@ impl Unit {
         health.is_some_and(|health| health.state == ServiceState::Running)
     }
 
+    /// Messages that its present life has taken in (a sensor: given out).
+    pub(super) fn progress(&self) -> u64 {
+        self.alive().and_then(|process| process.health.as_ref()).map_or(0, |health| health.progress)
+    }
+
     /// Whether it has nothing more to send.
     pub(super) fn has_ended(&self) -> bool {
         self.stage == Stage::Done || self.health.as_ref().is_some_and(|health| health.state >= ServiceState::Draining)
     }
 
     /// Takes note of what it says of itself, if it is its present life that says it; whether it is the first word of that.
-    pub(super) fn hear(&mut self, health: Health) -> bool {
+    pub(super) fn hear(&mut self, health: Health, now: Instant) -> bool {
         let Some(process) = self.process.as_mut().filter(|process| process.pid() == health.pid) else { return false };
         let is_first = process.health.is_none();
-        process.hear(health.clone());
+        process.hear(health.clone(), now);
         if process.is_ready() {
             self.failed_starts = 0;
         }

@@ -15,6 +15,7 @@ mod frames;
 mod harness;
 mod kills;
 mod localization;
+mod log;
 mod maps;
 mod privacy;
 mod range_sensors;

@@ -81,6 +81,10 @@ fn a_sensor_of_ones_own_makes_a_map() {
     let ended = graph.wait();
     assert!(ended.status.success(), "{}", ended.stderr);
     let map = native::read(&walk.map_file()).unwrap();
+    // The drive took as long as its stamps say, however fast it was mapped.
+    let stamps = [&map.path[0], map.path.last().unwrap()].map(|point| point.stamp_ns as f64 * 1e-9);
+    let told = ended.summary()["recorded_s"].as_f64().unwrap();
+    assert!((told - (stamps[1] - stamps[0])).abs() < 0.3, "{told} {stamps:?}");
     let p = |x: f64, y: f64| map.grid.log_odds(map.grid.cell_at(x, y)).map(|l| probability_of(f64::from(l)));
     // Free as far as the walls, nothing at all behind them.
     let along = (0..=40).map(|i| 1.0 + 0.1 * f64::from(i));

@@ -103,9 +103,11 @@ fn service(health: &Health) -> Value {
         "progress": health.progress,
         "total": health.total,
         "stamp_ns": health.stamp_ns,
+        "first_stamp_ns": health.first_stamp_ns,
         "faults": health.faults,
         "lost": health.lost,
         "acks": acks,
+        "waits_for": health.waits_for.map(echogrid_topics::Topic::name),
         "last_error": health.last_error,
     })
 }

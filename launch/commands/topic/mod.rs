@@ -86,9 +86,11 @@ fn echo(topic: Topic, domain: Option<&str>, count: Option<u64>, as_json: bool) -
         let line = match &received {
             Received::Message(header, message) if as_json => json::line(header, "message", json::value(message)),
             Received::End(header) if as_json => json::line(header, "end", Value::Bool(true)),
+            Received::Told(header, pid) if as_json => json::line(header, "told", Value::from(*pid)),
             Received::Faulty(header, fault) if as_json => json::line(header, "fault", Value::String(fault.to_string())),
             Received::Message(header, message) => json::text(header, &json::brief(message).to_string()),
             Received::End(header) => json::text(header, "the stream ends"),
+            Received::Told(header, pid) => json::text(header, &format!("process {pid} has been told all that counts")),
             Received::Faulty(header, fault) => json::text(header, &format!("faulty: {fault}")),
         };
         if !say(&line)? {

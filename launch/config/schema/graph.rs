@@ -47,7 +47,7 @@ static RUN: Section = Section {
             "alive_within_s",
             "a number of seconds, 1 to 3600",
             1.0..=3600.0,
-            "seconds without a sign of life after which a service is killed; saving to a slow disk gives none",
+            "seconds without a sign of life after which a service that does not work is killed",
         ),
         text(
             "spool",

@@ -389,6 +389,7 @@ impl Service for MapperService {
             _ => bail!("this service has nothing to {}", command.word()),
         };
         let changed = std::mem::replace(&mut self.paused, paused) != paused;
+        tracing::info!(stamp_ns = self.stamp_ns, changed, "{done}, as the user says");
         Ok(if changed { done } else { already }.to_owned())
     }
 }

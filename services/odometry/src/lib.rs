@@ -14,6 +14,7 @@ use echogrid_core::{
     DrivePose, Estimate, Gate, Incidents, Leap, Leaps, LocalizationConfig, MapperConfig, Odometry, OdometryConfig,
     Placing, Pose2, Robot,
 };
+use echogrid_service::logging::Sparing;
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
@@ -60,6 +61,11 @@ pub struct OdometryService {
     resolution_m: f64,
     config: LocalizationConfig,
     state: State,
+    /// Whether it was degraded and mapping held, as far as the log was told.
+    was: (bool, bool),
+    changes_told: Sparing,
+    taken_told: Sparing,
+    refused_told: Sparing,
 }
 
 impl OdometryService {
@@ -97,7 +103,16 @@ impl OdometryService {
             leapt: Incidents::default(),
             contradictions: Incidents::default(),
         };
-        Ok(Self { resolution_m, config: localization.clone(), state })
+        let sparing = Sparing::default;
+        Ok(Self {
+            resolution_m,
+            config: localization.clone(),
+            state,
+            was: (false, false),
+            changes_told: sparing(),
+            taken_told: sparing(),
+            refused_told: sparing(),
+        })
     }
 
     /// From the plan of a run.
@@ -155,6 +170,7 @@ impl OdometryService {
         let trust = self.state.sensor.trust(&estimate.errors, self.resolution_m);
         let degraded = self.config.is_degraded(trust);
         let hold = degraded && self.config.hold.resolve(self.state.asking.is_some());
+        self.tell_the_log(stamp_ns, trust, degraded, hold);
         let told = PoseEstimate {
             degraded,
             hold,
@@ -165,6 +181,23 @@ impl OdometryService {
         };
         out.send(stamp_ns, Message::Estimate(told.clone()));
         told
+    }
+
+    /// Says when what the estimate is good for changes.
+    fn tell_the_log(&mut self, stamp_ns: u64, trust: f64, degraded: bool, hold: bool) {
+        let was = std::mem::replace(&mut self.was, (degraded, hold));
+        if was == (degraded, hold) {
+            return;
+        }
+        let Some(withheld) = self.changes_told.is_due(stamp_ns) else { return };
+        let distance_m = self.state.distance_m;
+        let what = match (degraded, hold) {
+            (true, true) => "degraded: mapping holds",
+            (true, false) => "degraded: mapping goes on",
+            (false, _) if was.1 => "good again: mapping goes on",
+            (false, _) => "good again",
+        };
+        tracing::info!(stamp_ns, trust, distance_m, withheld, "{what}");
     }
 
     /// Asks for an absolute localization if it is time for one.
@@ -241,12 +274,17 @@ impl OdometryService {
             }
             Err(error) => Some(error),
         };
-        if let Some(error) = &refused {
-            let refusals = self.state.estimate.map_or(1, |estimate| estimate.refused.max(1));
-            if Incidents::is_worth_a_line(refusals) {
-                tracing::warn!(%error, refusals, "localization refused");
-            } else {
-                tracing::debug!(%error, refusals, "localization refused");
+        match &refused {
+            Some(error) => {
+                if let Some(withheld) = self.refused_told.is_due(now_ns) {
+                    tracing::warn!(%error, withheld, "localization refused");
+                }
+            }
+            None => {
+                if let Some(withheld) = self.taken_told.is_due(now_ns) {
+                    let Pose2 { x, y, theta } = fix.pose;
+                    tracing::info!(fix_ns, x, y, theta, withheld, "localized: fix taken");
+                }
             }
         }
         if let Some(asking) = &mut self.state.asking {

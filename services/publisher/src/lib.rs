@@ -6,11 +6,12 @@ mod sonars;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_core::{Grid, Tile};
+use echogrid_core::{Grid, GridSummary, Tile};
 use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance, main_part};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
@@ -78,6 +79,8 @@ impl PublisherService {
             tracing::warn!("no reading reached the map: nothing to save");
             return Ok(());
         };
+        // For the log alone.
+        let begun = Instant::now();
         let (doubt, path) = (self.doubt.clone(), self.path.points());
         let document = MapDocument { grid: grid.clone(), doubt, path, provenance: self.provenance.clone() };
         self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
@@ -94,6 +97,9 @@ impl PublisherService {
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
         }
+        let cells = GridSummary::of(grid).known;
+        let (files, seconds) = (self.written.len(), begun.elapsed().as_secs_f64());
+        tracing::info!(files, cells, seconds, folder = %self.out.display(), "saved");
         Ok(())
     }
 }

@@ -8,12 +8,14 @@ use anyhow::Result;
 use echogrid_topics::{Header, Message, ServiceState, Topic};
 
 use crate::pace::Pace;
-use crate::plan::Plan;
-use crate::runtime::{Runtime, Stop, Taken};
+use crate::plan::{Plan, SERVICE_VARIABLE};
+use crate::runtime::{Runtime, Stop, Taken, Terminated};
 use crate::{Input, Outbox, Sensor, Service, in_words, logging};
 
-/// Steps between two looks at signals and acknowledgements.
+/// Steps between two looks at signals and acknowledgements …
 const BATCH: usize = 64;
+/// … which are taken after this, however few steps there were: one may take seconds.
+const LOOK_AFTER: Duration = Duration::from_millis(100);
 /// A service that is asked to stop takes in what it was sent before; not for longer than this, as
 /// there may be no end of it.
 const CATCH_UP_WITHIN: Duration = Duration::from_millis(500);
@@ -53,7 +55,9 @@ fn start(
     outputs: &'static [Topic],
     body: impl FnOnce(&mut Runtime) -> Result<()>,
 ) -> ExitCode {
-    logging::start();
+    let shown = std::env::var(SERVICE_VARIABLE).unwrap_or_else(|_| name.to_owned());
+    let _whose = logging::start(&shown);
+    tracing::debug!(process = std::process::id(), "starts");
     // What `ps` shows; the kernel cuts it at 15 bytes.
     if let Ok(comm) = CString::new(format!("echogrid-{name}")) {
         let _ = nix::sys::prctl::set_name(&comm);
@@ -68,12 +72,18 @@ fn start(
     match body(&mut runtime) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
+            let code = match failure.downcast_ref::<Terminated>() {
+                // As a shell has it.
+                Some(Terminated(caught)) => ExitCode::from(128 + caught.signal as i32 as u8),
+                None if failure.is::<InVain>() => ExitCode::from(IN_VAIN),
+                None => ExitCode::FAILURE,
+            };
             let error = in_words(&failure);
             // The launcher hears of it and says so; by hand nobody else does.
             if !runtime.fail(&error) {
                 tracing::error!("{name}: {error}");
             }
-            if failure.is::<InVain>() { ExitCode::from(IN_VAIN) } else { ExitCode::FAILURE }
+            code
         }
     }
 }
@@ -98,13 +108,15 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     let mut out = Outbox::default();
     runtime.recover(service)?;
     runtime.set_state(ServiceState::Running)?;
+    tracing::info!("ready");
     let mut patience = Duration::ZERO;
     while runtime.stop().is_none() {
         runtime.attend(patience)?;
         runtime.serve(None, |command| service.command(command, &mut out))?;
         runtime.welcome_newcomers(service, &mut out);
         let mut steps = 0;
-        while steps < BATCH && out.is_empty() {
+        let begun = Instant::now();
+        while steps < BATCH && out.is_empty() && begun.elapsed() < LOOK_AFTER {
             let Some(taken) = runtime.take(|topic| service.is_ready_for(topic))? else { break };
             take_in(service, taken, &mut out)?;
             runtime.flush(&mut out)?;
@@ -113,6 +125,11 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
         runtime.flush(&mut out)?;
         // Nothing to read, or no room to write: the next event is what to wait for.
         patience = if steps == 0 { LONG } else { Duration::ZERO };
+        runtime.set_waits_for(match out.front() {
+            Some((_, message)) => Some(message.topic()),
+            None if steps == 0 => runtime.awaited_input(|topic| service.is_ready_for(topic)),
+            None => None,
+        });
         if out.is_empty() {
             patience = patience.min(runtime.store_if_due(service, steps == 0)?);
             if steps == 0 && runtime.inputs_ended(|topic| service.outlives(topic)) {
@@ -121,6 +138,7 @@ fn step_until_done(runtime: &mut Runtime, service: &mut impl Service) -> Result<
         }
     }
     runtime.set_state(ServiceState::Draining)?;
+    tracing::debug!(asked = runtime.stop().is_some(), "finishes");
     catch_up(runtime, service, &mut out)?;
     let ended = runtime.inputs_ended(|topic| service.outlives(topic));
     service.step(Input::Finish, &mut out).map_err(judged)?;
@@ -167,6 +185,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
     let is_live = sensor.is_live();
     let mut again = runtime.begin(is_live)?;
     runtime.set_state(ServiceState::Running)?;
+    tracing::info!("ready");
     // Messages that the sensor has made.
     let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;
@@ -175,7 +194,12 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
         runtime.attend(patience)?;
         runtime.serve(Some(made), |command| sensor.command(command))?;
         patience = Duration::ZERO;
+        runtime.set_waits_for(None);
+        let begun = Instant::now();
         for _ in 0..BATCH {
+            if begun.elapsed() >= LOOK_AFTER {
+                break;
+            }
             while let Some(command) = runtime.order_at(made) {
                 // What it answered was said when it was given.
                 let _ = sensor.command(command);
@@ -204,6 +228,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
             if patience.is_zero() {
                 // No room: an acknowledgement is what to wait for.
                 patience = LONG;
+                runtime.set_waits_for(Some(message.topic()));
             }
             waiting = Some((stamp_ns, message));
             break;
@@ -211,6 +236,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
         runtime.ring()?;
     }
     runtime.set_state(ServiceState::Draining)?;
+    tracing::debug!(asked = runtime.stop().is_some(), "finishes");
     drain(runtime, &mut Outbox::default(), runtime.stop() != Some(Stop::Orphaned), |_, _| {})
 }
 
@@ -234,6 +260,7 @@ fn drain(
                 return runtime.finish();
             }
         }
+        runtime.set_waits_for(runtime.awaited_output());
         runtime.attend(LONG)?;
     }
     runtime.leave()

@@ -33,8 +33,10 @@ impl Runtime {
     pub fn meet_consumers(&mut self) -> Result<bool> {
         while self.stop().is_none() {
             if self.sinks.iter().all(|sink| !sink.port.topic().resumes() || sink.port.is_met()) {
+                self.set_waits_for(None);
                 return Ok(true);
             }
+            self.set_waits_for(self.awaited_output());
             self.attend(WORD_WITHIN)?;
         }
         Ok(false)
@@ -74,7 +76,7 @@ impl Runtime {
             tracing::info!(
                 messages = moment.progress,
                 orders = self.replaying.len(),
-                "goes on where an earlier process was"
+                "restarted: goes on where an earlier process was"
             );
         }
         self.go_to(&moment);
@@ -103,6 +105,7 @@ impl Runtime {
                 .resume(moment.written.iter().find(|(topic, _)| *topic == code).map_or(0, |(_, sequence)| *sequence));
         }
         (self.progress, self.stamp_ns, self.faults) = (moment.progress, moment.stamp_ns, moment.faults);
+        self.first_stamp_ns = moment.first_stamp_ns;
     }
 
     /// Waits for the consumers of a sensor, to send what they have not stored. Of a sensor that `is_live`, what an earlier
@@ -253,6 +256,7 @@ impl Runtime {
             journal: 0,
             progress: self.progress,
             stamp_ns: self.stamp_ns,
+            first_stamp_ns: self.first_stamp_ns,
             faults: self.faults,
         };
         let mut parts = Parts::default();

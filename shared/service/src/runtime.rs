@@ -17,15 +17,18 @@ use crate::in_words;
 use crate::lifeline::Lifeline;
 use crate::outbox::Outbox;
 use crate::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, Plan, SERVICE_VARIABLE};
-use crate::signals::Signals;
+use crate::signals::{Caught, Signals};
 use crate::store::{Entry, Moment, Store, Unrepeatable};
 
 /// A service says that it is alive at least this often.
 const HEARTBEAT: Duration = Duration::from_millis(250);
-/// A sensor's first messages and its robot description belong together.
-const ROBOT_WITHIN: Duration = Duration::from_secs(5);
 /// What was read but not yet acknowledged is acknowledged this soon.
 const ACKNOWLEDGE_WITHIN: Duration = Duration::from_millis(50);
+
+/// A signal that was not the launcher's: the service leaves as if it had been killed, so that it is started again.
+#[derive(Debug, Clone, Copy, thiserror::Error)]
+#[error("{} from process {}, which is not its launcher", .0.signal, .0.sender)]
+pub struct Terminated(pub Caught);
 
 /// Why a service is to end before its inputs do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,12 +49,21 @@ pub enum Taken {
     Command(Command),
 }
 
+/// Whether the end of a stream, said in the life `epoch` of its producer, is meant for a process that was last told all that
+/// counts by the life `told`.
+fn is_meant_for_us(delivery: Delivery, told: u64, epoch: u64) -> bool {
+    delivery != Delivery::Relayed || told == epoch
+}
+
 /// An input.
 #[derive(Debug)]
 pub(crate) struct Source {
     pub(crate) port: Port,
     pub(crate) ended: bool,
     pub(crate) seen: bool,
+    /// The life of the producer of a relayed stream that has told this process all that counts; the end of another is not
+    /// meant for it: it was said to an earlier process, or before this one was met.
+    told: u64,
     /// Of what was lost, that which an earlier life of the service missed.
     pub(crate) lost_before: u64,
     published: u64,
@@ -75,6 +87,8 @@ pub(crate) struct Sink {
     ended: bool,
     /// Somebody came who needs to be told all that counts.
     newcomer: bool,
+    /// Processes that are being told, and do not know yet that they were.
+    untold: Vec<u32>,
 }
 
 /// Ports and vital signs of one process.
@@ -93,6 +107,8 @@ pub struct Runtime {
     pub(crate) progress: u64,
     total: u64,
     pub(crate) stamp_ns: u64,
+    /// Of the first message of a stream, over all lives.
+    pub(crate) first_stamp_ns: Option<u64>,
     pub(crate) faults: u64,
     last_error: String,
     health_due: Instant,
@@ -108,8 +124,7 @@ pub struct Runtime {
     /// All that came in is taken care of for good.
     is_finished: bool,
     stop: Option<Stop>,
-    /// Since when there are messages but no robot description.
-    without_robot_since: Option<Instant>,
+    waits_for: Option<Topic>,
     /// Processes heard of.
     known: BTreeSet<u32>,
     // Last: ports go before the process leaves the domain.
@@ -123,7 +138,7 @@ impl Runtime {
     /// # Errors
     /// There is no such graph, or shared memory refuses.
     pub fn enter(default_name: &str, inputs: &[Topic], outputs: &[Topic]) -> Result<Self> {
-        let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM])?;
+        let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])?;
         let lifeline = Lifeline::attach();
         let name = std::env::var(SERVICE_VARIABLE).unwrap_or_else(|_| default_name.into());
         let domain = std::env::var(DOMAIN_VARIABLE)
@@ -146,20 +161,23 @@ impl Runtime {
                 if topic.resumes() {
                     port.resume(plan.epoch, 0, 0);
                 }
-                Ok(Source { port, ended: false, seen: false, lost_before: 0, published: 0 })
+                Ok(Source { port, ended: false, seen: false, told: 0, lost_before: 0, published: 0 })
             })
             .collect::<Result<_>>()?;
         let health_in = Port::open(&participant, Topic::Health)?;
         let keeps_generations = outputs.iter().any(|topic| topic.resumes());
-        let sinks = outputs.iter().map(|topic| Ok(Sink { port: open(*topic)?, ended: false, newcomer: false }));
+        let sinks = outputs
+            .iter()
+            .map(|topic| Ok(Sink { port: open(*topic)?, ended: false, newcomer: false, untold: Vec::new() }));
         let sinks = sinks.collect::<Result<_, echogrid_topics::TopicError>>()?;
         // A service that joins a running graph by hand is not one that the launcher knows.
         let control =
             std::env::var_os(SERVICE_VARIABLE).map(|_| ControlServer::open(&participant, &name)).transpose()?;
         // Nor would anybody restart it.
         let folder = plan.state.as_ref().filter(|_| control.is_some());
-        let store =
-            folder.map(|folder| Store::open(&folder.join(format!("{name}.redb")), plan.synced, keeps_generations));
+        let store = folder.map(|folder| {
+            Store::open(&folder.join(format!("{name}.redb")), plan.epoch, plan.synced, keeps_generations)
+        });
         Ok(Self {
             store: store.transpose()?,
             generations: VecDeque::new(),
@@ -180,11 +198,12 @@ impl Runtime {
             progress: 0,
             total: 0,
             stamp_ns: 0,
+            first_stamp_ns: None,
             faults: 0,
             last_error: String::new(),
             health_due: Instant::now(),
             stop: None,
-            without_robot_since: None,
+            waits_for: None,
             known: BTreeSet::new(),
             _participant: participant,
         })
@@ -238,11 +257,23 @@ impl Runtime {
                         // A restarted sensor describes its robot once more.
                     }
                     Some(Received::Message(header, message)) => {
+                        if let Message::Robot(robot) = &message {
+                            tracing::info!(robot = robot.name, sensors = robot.sensors.len(), "robot seen");
+                        }
                         source.seen = true;
                         self.write_down(header.stamp_ns, &message)?;
-                        self.progress += 1;
-                        self.stamp_ns = self.stamp_ns.max(header.stamp_ns);
+                        self.count(message.topic(), header.stamp_ns);
                         return Ok(Some(Taken::Message(header, message)));
+                    }
+                    Some(Received::Told(header, pid)) => {
+                        if pid == std::process::id() {
+                            source.told = header.epoch;
+                        }
+                    }
+                    Some(Received::End(header))
+                        if !is_meant_for_us(source.port.topic().delivery(), source.told, header.epoch) =>
+                    {
+                        tracing::debug!(topic = source.port.topic().name(), "an end that was said to somebody else");
                     }
                     Some(Received::End(_)) => {
                         source.ended = true;
@@ -261,7 +292,7 @@ impl Runtime {
             }
             let source = &self.sources[index];
             if source.port.topic() == Topic::RobotDescription && !source.seen {
-                self.check_for_robot()?;
+                // Without a robot description nothing else is read.
                 return Ok(None);
             }
         }
@@ -281,25 +312,28 @@ impl Runtime {
         Taken::Message(Header { stamp_ns: entry.stamp_ns, ..Header::default() }, message)
     }
 
-    /// Without a robot description nothing else is read. A sensor that sends none but goes on to
-    /// send readings would have the graph wait for ever.
-    fn check_for_robot(&mut self) -> Result<()> {
-        if self.without_robot_since.is_none() {
-            for source in &self.sources {
-                if source.port.topic().delivery().is_stream() && source.port.has_messages()? {
-                    self.without_robot_since = Some(Instant::now());
-                }
-            }
-        }
-        let waited = self.without_robot_since.map_or(Duration::ZERO, |since| since.elapsed());
-        anyhow::ensure!(
-            waited < ROBOT_WITHIN,
-            "the sensor has sent messages but no {} for {} s (refused as faulty: {})",
-            Topic::RobotDescription.name(),
-            ROBOT_WITHIN.as_secs(),
-            self.faults
-        );
-        Ok(())
+    /// Says what the service can't go on without; none: it is at work.
+    pub fn set_waits_for(&mut self, topic: Option<Topic>) {
+        self.waits_for = topic;
+    }
+
+    /// The input whose next message the service can't go on without, when it has taken all that is `welcome`.
+    #[must_use]
+    pub fn awaited_input(&self, welcome: impl Fn(Topic) -> bool) -> Option<Topic> {
+        let topics = || self.sources.iter().map(|source| (source.port.topic(), source));
+        let open = || topics().filter(|(topic, source)| topic.delivery().is_stream() && !source.ended);
+        let robot = topics().find(|(topic, source)| *topic == Topic::RobotDescription && !source.seen);
+        // A stream is left where it is until an answer has come.
+        let answer = || topics().find(|(topic, _)| !topic.delivery().is_stream() && *topic != Topic::RobotDescription);
+        let holds = open().any(|(topic, _)| !welcome(topic));
+        robot.or_else(|| answer().filter(|_| holds)).or_else(|| open().next()).map(|(topic, _)| topic)
+    }
+
+    /// The first output that some consumer is not done with.
+    #[must_use]
+    pub fn awaited_output(&self) -> Option<Topic> {
+        let open = |sink: &&Sink| !sink.port.is_met() || !sink.port.is_drained();
+        self.sinks.iter().find(open).map(|sink| sink.port.topic())
     }
 
     /// Whether every input stream that `counts` has ended.
@@ -351,7 +385,20 @@ impl Runtime {
             sink.port.send(*stamp_ns, message)?;
             outbox.pop();
         }
+        if outbox.is_empty() {
+            self.say_what_was_told()?;
+        }
         self.ring()
+    }
+
+    /// All that the service had to say is on its way: whoever came anew has been told.
+    fn say_what_was_told(&mut self) -> Result<()> {
+        for sink in self.sinks.iter_mut().filter(|sink| !sink.newcomer) {
+            for pid in std::mem::take(&mut sink.untold) {
+                sink.port.told(pid)?;
+            }
+        }
+        Ok(())
     }
 
     /// Whether every consumer has the next message of `topic`, from an earlier life of ours.
@@ -370,9 +417,17 @@ impl Runtime {
             return Ok(false);
         }
         sink.port.send(stamp_ns, message)?;
+        self.count(message.topic(), stamp_ns);
+        Ok(true)
+    }
+
+    /// One more message was handled.
+    fn count(&mut self, topic: Topic, stamp_ns: u64) {
         self.progress += 1;
         self.stamp_ns = self.stamp_ns.max(stamp_ns);
-        Ok(true)
+        if topic.delivery().is_stream() {
+            self.first_stamp_ns.get_or_insert(stamp_ns);
+        }
     }
 
     /// Wakes the consumers of what was sent.
@@ -398,7 +453,12 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn end_outputs(&mut self) -> Result<()> {
         let stamp_ns = self.stamp_ns;
-        for sink in self.sinks.iter_mut().filter(|sink| !sink.ended) {
+        // Who was not met yet has heard nothing that could end.
+        let may_end = |sink: &&mut Sink| {
+            let is_relayed = sink.port.topic().delivery() == Delivery::Relayed;
+            !sink.ended && (!is_relayed || (sink.port.is_met() && !sink.newcomer && sink.untold.is_empty()))
+        };
+        for sink in self.sinks.iter_mut().filter(may_end) {
             if sink.port.topic().delivery().is_stream() {
                 sink.port.end(stamp_ns)?;
             }
@@ -413,6 +473,7 @@ impl Runtime {
     /// # Errors
     /// Shared memory refuses.
     pub fn leave(&mut self) -> Result<()> {
+        self.tell_the_end();
         self.set_state(ServiceState::Finished)
     }
 
@@ -422,13 +483,19 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn finish(&mut self) -> Result<()> {
         self.is_finished = true;
+        self.tell_the_end();
         self.set_state(ServiceState::Finished)
+    }
+
+    fn tell_the_end(&self) {
+        let lost: u64 = self.sources.iter().map(Source::lost).sum();
+        tracing::info!(messages = self.progress, lost, refused = self.faults, complete = self.is_finished, "ended");
     }
 
     /// Whether every consumer has integrated all that was sent.
     #[must_use]
     pub fn is_drained(&self) -> bool {
-        self.sinks.iter().all(|sink| sink.port.is_drained() && !sink.newcomer)
+        self.sinks.iter().all(|sink| sink.port.is_drained() && !sink.newcomer && sink.untold.is_empty())
     }
 
     /// Waits until something happened, at most for `patience`; takes note of signals, of the
@@ -441,7 +508,11 @@ impl Runtime {
         let patience = patience.min(self.health_due.saturating_duration_since(Instant::now()));
         let (signalled, orphaned) = self.poll(patience)?;
         if signalled {
-            while self.signals.next()?.is_some() {
+            while let Some(caught) = self.signals.next()? {
+                // Nobody but the launcher knows whether the others have heard the last of this service.
+                if self.lifeline.is_some() && caught.sender != std::os::unix::process::parent_id() {
+                    return Err(Terminated(caught).into());
+                }
                 anyhow::ensure!(self.stop != Some(Stop::Asked), "asked twice to stop: leaving at once");
                 self.stop.get_or_insert(Stop::Asked);
             }
@@ -464,7 +535,10 @@ impl Runtime {
             let Received::Message(_, Message::Health(health)) = received else { continue };
             for sink in &mut self.sinks {
                 let is_new = sink.port.note(&health);
-                sink.newcomer |= is_new && sink.port.topic().delivery() == Delivery::Relayed;
+                if is_new && sink.port.topic().delivery() == Delivery::Relayed {
+                    sink.newcomer = true;
+                    sink.untold.push(health.pid);
+                }
             }
             arrivals |= self.known.insert(health.pid);
         }
@@ -542,14 +616,30 @@ impl Runtime {
             progress: self.progress,
             total: self.total,
             stamp_ns: self.stamp_ns,
+            first_stamp_ns: self.first_stamp_ns.unwrap_or(0),
             faults: self.faults,
             lost: self.sources.iter().map(Source::lost).sum(),
             acks,
+            waits_for: self.waits_for,
             last_error: self.last_error.clone(),
         };
         self.health_out.send(self.stamp_ns, &Message::Health(health))?;
         self.health_out.ring()?;
         self.health_due = Instant::now() + HEARTBEAT;
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_end_before_all_was_told_is_meant_for_somebody_else() {
+        // Nobody has told us anything; another life of the producer has; this one has.
+        let relayed = [0, 6, 7].map(|told| is_meant_for_us(Delivery::Relayed, told, 7));
+        assert_eq!(relayed, [false, false, true]);
+        // What is numbered through the whole run is for everybody.
+        assert!(is_meant_for_us(Delivery::Lossless, 0, 7));
     }
 }

@@ -1,10 +1,19 @@
-//! SIGINT and SIGTERM, as something to poll.
+//! SIGINT, SIGTERM and SIGHUP, as something to poll.
 
 use std::os::fd::{AsFd, BorrowedFd};
 
 use anyhow::{Context, Result};
 use nix::sys::signal::{SigSet, Signal};
-use nix::sys::signalfd::{SfdFlags, SignalFd};
+use nix::sys::signalfd::{SfdFlags, SignalFd, siginfo};
+
+/// A signal that came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Caught {
+    /// Which.
+    pub signal: Signal,
+    /// The process that sent it; 0: the kernel, or a process of another container.
+    pub sender: u32,
+}
 
 /// Signals that this process reads instead of being interrupted by.
 #[derive(Debug)]
@@ -31,9 +40,12 @@ impl Signals {
     ///
     /// # Errors
     /// The system refuses.
-    pub fn next(&self) -> Result<Option<Signal>> {
+    pub fn next(&self) -> Result<Option<Caught>> {
         let info = self.fd.read_signal().context("reading a signal")?;
-        Ok(info.and_then(|info| Signal::try_from(info.ssi_signo as i32).ok()))
+        let caught = |info: siginfo| {
+            Signal::try_from(info.ssi_signo as i32).ok().map(|signal| Caught { signal, sender: info.ssi_pid })
+        };
+        Ok(info.and_then(caught))
     }
 
     /// Readable when a signal came.

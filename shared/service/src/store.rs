@@ -26,6 +26,8 @@ const PARTS: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("parts");
 const SPOOL: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("spool");
 /// Code of a topic → the last of its messages that is not in the spool any more.
 const TRIMMED: TableDefinition<'_, u32, u64> = TableDefinition::new("trimmed");
+/// One entry: the run that the store is of.
+const RUN: TableDefinition<'_, (), u64> = TableDefinition::new("run");
 /// Everything is written soon after it is read for the last time.
 const CACHE_BYTES: usize = 4 << 20;
 
@@ -65,6 +67,8 @@ pub struct Moment {
     pub progress: u64,
     /// Stamp of the latest message handled, nanoseconds.
     pub stamp_ns: u64,
+    /// Stamp of the first message of a stream.
+    pub first_stamp_ns: Option<u64>,
     /// Messages refused.
     pub faults: u64,
 }
@@ -168,19 +172,21 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens the store in `file`, or makes it. Where `synced`, what is stored outlives the machine, too.
+    /// Opens the store of the run `run` in `file`, or makes it. Where `synced`, what is stored outlives the machine, too.
     ///
     /// # Errors
-    /// The file can't be made or read, or is no store.
-    pub fn open(file: &Path, synced: bool, keeps_generations: bool) -> Result<Self> {
+    /// The file can't be made or read, is no store, or one of another run.
+    pub fn open(file: &Path, run: u64, synced: bool, keeps_generations: bool) -> Result<Self> {
         let context = || format!("{}: the stored state of this service", file.display());
         let database = if file.exists() {
             database(file, synced).with_context(context)?
         } else {
+            sweep_unfinished(file);
             // Killed while it is made, it would be no store.
             let new = file.with_extension(format!("new-{}", std::process::id()));
             let database = database(&new, synced).with_context(context)?;
             let write = database.begin_write()?;
+            write.open_table(RUN)?.insert((), run)?;
             write.open_table(SNAPSHOTS)?;
             write.open_table(JOURNAL)?;
             write.open_table(PARTS)?;
@@ -191,6 +197,12 @@ impl Store {
             database
         };
         let read = database.begin_read()?;
+        let of = read.open_table(RUN).ok().and_then(|table| table.get(()).ok().flatten().map(|run| run.value()));
+        anyhow::ensure!(
+            of == Some(run),
+            "{}: what is stored there is of another run; remove it, or begin in another folder",
+            file.display()
+        );
         let last = |table: TableDefinition<'static, u64, &'static [u8]>| -> Result<u64> {
             Ok(read.open_table(table)?.last()?.map_or(0, |(key, _)| key.value() + 1))
         };
@@ -348,6 +360,18 @@ fn moments(read: &redb::ReadTransaction) -> Result<BTreeMap<u64, Moment>> {
         .collect()
 }
 
+/// Removes what processes left that were killed while they made this store.
+fn sweep_unfinished(file: &Path) {
+    let Some((folder, stem)) = file.parent().zip(file.file_stem()) else { return };
+    let prefix = format!("{}.new-", stem.to_string_lossy());
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(&prefix) {
+            // Gone already is as good.
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// What comes after it in `bytes` is left.
 fn decode<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T> {
     postcard::take_from_bytes(bytes).map(|(value, _)| value).context("a stored state is of another version")
@@ -414,7 +438,7 @@ mod tests {
     fn generations_are_kept_until_they_are_let_go() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("odometry.redb");
-        let mut store = Store::open(&file, false, true).unwrap();
+        let mut store = Store::open(&file, 7, false, true).unwrap();
         for generation in 0..3 {
             store.write_down(&entry(generation)).unwrap();
             let changes = changes(&[("state", Some(&[generation as u8]))]);
@@ -422,7 +446,7 @@ mod tests {
         }
         store.store(&moment(30, 3), changes(&[("state", Some(&[3]))]), 1).unwrap();
         drop(store);
-        let mut store = Store::open(&file, false, true).unwrap();
+        let mut store = Store::open(&file, 7, false, true).unwrap();
         assert_eq!(store.moments().unwrap().keys().copied().collect::<Vec<_>>(), [1, 2, 3]);
         assert_eq!(store.state(2).unwrap()["state"], [2]);
         // The entry that every snapshot knows of is gone.
@@ -436,11 +460,11 @@ mod tests {
     fn parts_are_stored_as_they_change() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("mapper.redb");
-        let mut store = Store::open(&file, false, false).unwrap();
+        let mut store = Store::open(&file, 7, false, false).unwrap();
         store.store(&moment(0, 0), changes(&[("a", Some(b"1")), ("b", Some(b"2"))]), 0).unwrap();
         store.store(&moment(1, 0), changes(&[("b", None), ("c", Some(b"3"))]), 0).unwrap();
         drop(store);
-        let store = Store::open(&file, false, false).unwrap();
+        let store = Store::open(&file, 7, false, false).unwrap();
         let (generation, last) = store.moments().unwrap().pop_last().unwrap();
         assert_eq!(last, moment(1, 0));
         let names: Vec<String> = store.state(generation).unwrap().into_keys().collect();
@@ -451,14 +475,14 @@ mod tests {
     fn a_spool_keeps_what_is_not_stored_downstream() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sensor.redb");
-        let mut store = Store::open(&file, false, true).unwrap();
+        let mut store = Store::open(&file, 7, false, true).unwrap();
         for number in 0..=TRIM_EVERY {
             let message = Measured::TruePose(TruePose { map_from_base: None });
             let spooled = Spooled { topic: 9, sequence: number + 1, stamp_ns: number, message };
             store.spool(number, &spooled, |topic, sequence| topic == 9 && sequence <= 200).unwrap();
         }
         drop(store);
-        let (messages, next, trimmed) = Store::open(&file, false, true).unwrap().spooled().unwrap();
+        let (messages, next, trimmed) = Store::open(&file, 7, false, true).unwrap().spooled().unwrap();
         assert_eq!((messages.len() as u64, next), (TRIM_EVERY + 1 - 200, TRIM_EVERY + 1));
         assert_eq!((messages[0].sequence, trimmed[&9]), (201, 200));
     }
@@ -468,7 +492,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("mapper.redb");
         std::fs::write(&file, "something else").unwrap();
-        let error = format!("{:#}", Store::open(&file, false, false).unwrap_err());
+        let error = format!("{:#}", Store::open(&file, 7, false, false).unwrap_err());
         assert!(error.contains("mapper.redb"), "{error}");
     }
 }

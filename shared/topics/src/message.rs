@@ -253,12 +253,16 @@ pub struct Health {
     pub total: u64,
     /// Stamp of the latest message handled, nanoseconds.
     pub stamp_ns: u64,
+    /// Stamp of the first message of a stream that was handled, nanoseconds; 0: none yet.
+    pub first_stamp_ns: u64,
     /// Messages refused as faulty.
     pub faults: u64,
     /// Messages known to be lost.
     pub lost: u64,
     /// One per input.
     pub acks: Vec<Ack>,
+    /// What it can't go on without: an input that has nothing new, or an output without room; none: it works, or does not say.
+    pub waits_for: Option<Topic>,
     /// Empty if there was none.
     pub last_error: String,
 }
@@ -274,9 +278,11 @@ impl Health {
             progress: 0,
             total: 0,
             stamp_ns: 0,
+            first_stamp_ns: 0,
             faults: 0,
             lost: 0,
             acks: Vec::new(),
+            waits_for: None,
             last_error: String::new(),
         }
     }
@@ -849,10 +855,11 @@ impl From<&Health> for HealthWire {
             progress: health.progress,
             total: health.total,
             stamp_ns: health.stamp_ns,
+            first_stamp_ns: health.first_stamp_ns,
             faults: health.faults,
             lost: health.lost,
             ack_count: health.acks.len().min(MAX_ACKS) as u32,
-            reserved: 0,
+            waits_for: health.waits_for.map_or(0, |topic| topic as u32),
             acks,
             last_error: text_to_bytes(&health.last_error),
         }
@@ -887,9 +894,12 @@ impl TryFrom<&HealthWire> for Health {
             progress: wire.progress,
             total: wire.total,
             stamp_ns: wire.stamp_ns,
+            first_stamp_ns: wire.first_stamp_ns,
             faults: wire.faults,
             lost: wire.lost,
             acks,
+            // A code that is not known says no more than none.
+            waits_for: Topic::from_code(wire.waits_for),
             last_error: bytes_to_text(&wire.last_error),
         })
     }

@@ -24,6 +24,8 @@ use crate::wire::{
 
 /// Header flag: the stream ends here.
 const END: u32 = 1;
+/// Header flag, on relayed topics: the process whose number `stamp_ns` is has been told all that counts.
+const TOLD: u32 = 2;
 
 type PublisherOf<W> = Publisher<ipc::Service, W, Header>;
 type SubscriberOf<W> = Subscriber<ipc::Service, W, Header>;
@@ -231,6 +233,20 @@ impl Output {
         if self.is_stored(&header) {
             return Ok(());
         }
+        self.put_empty(header)
+    }
+
+    /// Says on a relayed topic that the process `pid`, which came anew, has been told all that counts.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn told(&mut self, pid: u32) -> Result<(), TopicError> {
+        let header = self.next_header(u64::from(pid), TOLD);
+        self.put_empty(header)
+    }
+
+    /// A message that says no more than its header does.
+    fn put_empty(&mut self, header: Header) -> Result<(), TopicError> {
         let topic = self.topic;
         match &self.port {
             Out::Robot(port) => put(port, topic, header, RobotWire::default()),
@@ -311,6 +327,8 @@ pub enum Received {
     Message(Header, Message),
     /// The stream ended.
     End(Header),
+    /// All that counts was told to this process.
+    Told(Header, u32),
     /// A message that broke its contract; it was dropped.
     Faulty(Header, Fault),
 }
@@ -386,7 +404,10 @@ impl Input {
     /// Shared memory refuses.
     pub fn receive(&mut self) -> Result<Option<Received>, TopicError> {
         while let Some(received) = self.receive_any()? {
-            let (Received::Message(header, _) | Received::End(header) | Received::Faulty(header, _)) = &received;
+            let (Received::Message(header, _)
+            | Received::End(header)
+            | Received::Told(header, _)
+            | Received::Faulty(header, _)) = &received;
             let header = *header;
             let is_good = !matches!(received, Received::Faulty(..));
             match self.place.follow(self.topic.delivery(), &header, is_good) {
@@ -557,6 +578,9 @@ fn get_slice<W: Wire>(
 fn judge(header: Header, decode: impl FnOnce() -> Result<Message, Fault>) -> Received {
     if header.flags & END != 0 {
         return Received::End(header);
+    }
+    if header.flags & TOLD != 0 {
+        return Received::Told(header, u32::try_from(header.stamp_ns).unwrap_or(0));
     }
     match decode() {
         Ok(message) => Received::Message(header, message),

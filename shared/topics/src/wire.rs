@@ -331,7 +331,7 @@ wire! {
 
 wire! {
     /// `health`: how a service is doing. Sent from its main loop, so it stops when the loop hangs.
-    "echogrid/Health/2" HealthWire {
+    "echogrid/Health/3" HealthWire {
         /// UTF-8, padded with zeros.
         service: [u8; 32],
         /// Process id.
@@ -344,14 +344,16 @@ wire! {
         total: u64,
         /// Stamp of the latest message handled, nanoseconds.
         stamp_ns: u64,
+        /// Stamp of the first message of a stream that was handled, nanoseconds; 0: none yet.
+        first_stamp_ns: u64,
         /// Messages refused as faulty.
         faults: u64,
         /// Messages known to be lost (gaps in a sequence).
         lost: u64,
         /// How many of `acks` are in use.
         ack_count: u32,
-        /// Zero.
-        reserved: u32,
+        /// Code of the topic that it can't go on without: an input has nothing new, or an output no room; 0: it works, or does not say.
+        waits_for: u32,
         /// One per input.
         acks: [AckWire; 8],
         /// Last error, UTF-8, padded with zeros.

@@ -209,17 +209,28 @@ fn health() -> impl Strategy<Value = Health> {
     let ack = (prop::sample::select(Topic::ALL.to_vec()), any::<u64>(), any::<u64>());
     let ack = ack.prop_map(|(topic, epoch, sequence)| Ack { topic, epoch, sequence });
     let acks = prop::collection::vec(ack, 0..=MAX_ACKS);
-    ("[a-z0-9-]{1,20}", any::<u32>(), state, any::<[u64; 5]>(), acks, "[ -~äß]{0,256}").prop_map(
-        |(service, pid, state, [progress, total, stamp_ns, faults, lost], acks, last_error)| Health {
+    let waits = prop::option::of(prop::sample::select(Topic::ALL.to_vec()));
+    ("[a-z0-9-]{1,20}", any::<u32>(), state, any::<[u64; 6]>(), acks, waits, "[ -~äß]{0,256}").prop_map(
+        |(
+            service,
+            pid,
+            state,
+            [progress, total, stamp_ns, first_stamp_ns, faults, lost],
+            acks,
+            waits_for,
+            last_error,
+        )| Health {
             service,
             pid,
             state,
             progress,
             total,
             stamp_ns,
+            first_stamp_ns,
             faults,
             lost,
             acks,
+            waits_for,
             last_error,
         },
     )

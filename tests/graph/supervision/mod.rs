@@ -7,6 +7,7 @@ mod graph_file;
 mod limits;
 mod live;
 mod sensors;
+mod signals;
 mod stopped;
 mod strangers;
 mod systemd;

@@ -15,7 +15,7 @@ use nix::unistd::Pid;
 use crate::ended::{Ended, Kept};
 use crate::fault::Mode;
 use crate::leftovers;
-use crate::program::owned;
+use crate::program::{cannot_start, owned};
 use crate::{PATIENCE, Stranger, TopicReader, View};
 
 /// How long the word of a service may take before it is looked whether the graph is still there.
@@ -58,7 +58,7 @@ impl GraphProcess {
     /// # Panics
     /// The name is no domain, or the program can't be started.
     #[must_use]
-    #[allow(clippy::expect_used)] // a test that can't start has failed
+    #[allow(clippy::expect_used, clippy::panic)] // a test that can't start has failed
     pub fn start_in<I>(name: &str, binary: impl AsRef<Path>, arguments: I) -> Self
     where
         I: IntoIterator,
@@ -72,7 +72,7 @@ impl GraphProcess {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
-            .expect("the program starts");
+            .unwrap_or_else(|error| panic!("{}", cannot_start(binary.as_ref(), &error)));
         let stderr = child.stderr.take().expect("stderr is piped");
         let (sender, lines) = channel();
         std::thread::spawn(move || {
@@ -187,9 +187,8 @@ impl GraphProcess {
         self.wait_for(&started);
         self.heard.extend(self.lines.try_iter());
         let line = self.heard.iter().rfind(|line| line.contains(&started));
-        let number = line
-            .and_then(|line| line.rsplit("(process ").next())
-            .and_then(|rest| rest.trim_end_matches(')').parse().ok());
+        let number =
+            line.and_then(|line| line.rsplit("(process ").next()).and_then(|rest| rest.split(')').next()?.parse().ok());
         number.expect("the line ends with the process id")
     }
 

@@ -1,7 +1,7 @@
 //! Where the programs are.
 
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Output;
 
 /// The program under test: what `ECHOGRID` names; else the one that lies where cargo builds beside this test; else that on
@@ -50,6 +50,14 @@ pub fn said(output: &Output) -> String {
         output.status,
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// What to do when the program under test can't be started.
+pub(crate) fn cannot_start(program: &Path, error: &std::io::Error) -> String {
+    let program = program.display();
+    format!(
+        "the program under test can't be started: {program}: {error}; build it (cargo build --bin echogrid), or name it in ECHOGRID"
     )
 }
 

@@ -26,7 +26,7 @@ pub use private::{Exposed, exposed, write as write_private};
 pub use survey::{Leftover, Running, clean, graphs, leftovers, running};
 
 use lock::lock;
-use private::{make_base, make_dir};
+use private::{make_base, make_dir, make_new};
 use survey::{is_owned, sweep_dead};
 
 /// Where POSIX shared memory lives on Linux.
@@ -266,7 +266,8 @@ impl Claim {
     pub fn state_dir(&self) -> Result<PathBuf, DomainError> {
         let [in_memory, on_disk] = self.domain.states();
         let folder = if check_memory(STATES_BYTES, 0).is_ok() { in_memory } else { on_disk };
-        make_dir(&folder)?;
+        // `/tmp` is everybody's, and the name can be guessed.
+        make_new(&folder, self.domain.uid)?;
         Ok(folder)
     }
 

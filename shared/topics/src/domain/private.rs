@@ -42,6 +42,20 @@ pub(super) fn make_dir(path: &Path) -> Result<(), DomainError> {
     }
 }
 
+/// Makes a directory where there must be nothing yet, whoever may write there: no link is followed, and nobody else's is used.
+pub(super) fn make_new(path: &Path, uid: u32) -> Result<(), DomainError> {
+    match DirBuilder::new().mode(0o700).create(path) {
+        Ok(()) => Ok(()),
+        Err(error) if error.kind() == ErrorKind::AlreadyExists => match fs::symlink_metadata(path) {
+            Ok(meta) if meta.uid() != uid => {
+                Err(DomainError::Foreign { path: path.into(), owner: User::of(meta.uid()), me: User::of(uid) })
+            }
+            _ => Err(io(path)(error)),
+        },
+        Err(error) => Err(io(path)(error)),
+    }
+}
+
 /// Opens a lock file, made if it is not there.
 pub(super) fn open_lock(path: &Path) -> std::io::Result<File> {
     OpenOptions::new().create(true).truncate(false).read(true).write(true).mode(0o600).open(path)
@@ -112,6 +126,22 @@ mod tests {
 
     fn mode(path: &Path) -> u32 {
         fs::metadata(path).unwrap().mode() & 0o777
+    }
+
+    #[test]
+    fn a_new_directory_follows_no_link_and_takes_nobodys_place() {
+        let folder = std::env::temp_dir().join(format!("echogrid-new-{}", std::process::id()));
+        let uid = nix::unistd::Uid::current().as_raw();
+        DirBuilder::new().create(&folder).unwrap();
+        let (elsewhere, link) = (folder.join("elsewhere"), folder.join("link"));
+        DirBuilder::new().create(&elsewhere).unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &link).unwrap();
+        assert!(make_new(&link, uid).is_err());
+        assert!(matches!(make_new(&link, uid + 1), Err(DomainError::Foreign { .. })));
+        let new = folder.join("new");
+        make_new(&new, uid).unwrap();
+        assert_eq!(mode(&new), 0o700);
+        fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

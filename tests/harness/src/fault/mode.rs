@@ -31,6 +31,8 @@ pub enum Mode {
     Garbage,
     /// A reader that takes a message every 50 ms.
     Slow,
+    /// A reader that works for five seconds at one message, and says nothing meanwhile.
+    Toiling,
     /// No service of the graph: writes garbage into the topic that it is told.
     GarbageOn,
     /// No service of the graph: reads the topic that it is told, a message every 50 ms.
@@ -39,7 +41,7 @@ pub enum Mode {
 
 impl Mode {
     /// All of them.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Good,
         Self::AlwaysCrash,
         Self::CrashLate,
@@ -52,6 +54,7 @@ impl Mode {
         Self::WrongEpoch,
         Self::Garbage,
         Self::Slow,
+        Self::Toiling,
         Self::GarbageOn,
         Self::SlowReader,
     ];
@@ -72,6 +75,7 @@ impl Mode {
             Self::WrongEpoch => "wrong-epoch",
             Self::Garbage => "garbage",
             Self::Slow => "slow",
+            Self::Toiling => "toiling",
             Self::GarbageOn => "garbage-on",
             Self::SlowReader => "slow-reader",
         }

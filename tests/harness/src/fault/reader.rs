@@ -1,7 +1,7 @@
 //! A service that takes in what it is to read, and makes nothing of it.
 
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use echogrid_core::parts::{Parts, Saved};
@@ -12,6 +12,9 @@ use super::{Mode, go_deaf, strike};
 
 /// What a slow reader takes for a message.
 pub(super) const PER_MESSAGE: Duration = Duration::from_millis(50);
+
+/// What a toiling reader takes for one message.
+const TOILS_FOR: Duration = Duration::from_secs(5);
 
 #[derive(Debug)]
 struct Reader {
@@ -42,12 +45,22 @@ impl Service for Reader {
             if self.taken >= self.after {
                 strike(self.mode);
             }
+            if self.mode == Mode::Toiling && self.taken == self.after {
+                toil();
+            }
             self.taken += 1;
             if self.mode == Mode::Slow {
                 std::thread::sleep(PER_MESSAGE);
             }
         }
         Ok(())
+    }
+}
+
+fn toil() {
+    let begun = Instant::now();
+    while begun.elapsed() < TOILS_FOR {
+        std::hint::spin_loop();
     }
 }
 
