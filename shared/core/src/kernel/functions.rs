@@ -39,7 +39,7 @@ pub(super) fn reciprocal<L: Lanes>(x: L) -> L {
 pub(super) fn exp<L: Lanes>(x: L) -> L {
     // 2^x over [−½, ½]
     const POWER: [f32; 7] =
-        [1.0, core::f32::consts::LN_2, 0.240_226_51, 0.055_504_11, 0.009_618_13, 0.001_333_355_8, 0.000_154_035_3];
+        [1.0, core::f32::consts::LN_2, 0.240_226_5, 0.055_504_11, 0.009_618_13, 0.001_333_355_8, 0.000_154_035_3];
     let octaves = x.mul(L::splat(core::f32::consts::LOG2_E));
     let shifted = octaves.add(L::splat(WHOLE));
     let whole = shifted.sub(L::splat(WHOLE));
