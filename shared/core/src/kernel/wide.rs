@@ -27,18 +27,22 @@ impl Width {
     }
 
     /// All that there is, narrow to wide.
+    #[cfg(not(target_arch = "x86_64"))]
     pub(super) fn all() -> Vec<Self> {
+        vec![Self::Portable]
+    }
+
+    /// All that there is, narrow to wide.
+    #[cfg(target_arch = "x86_64")]
+    pub(super) fn all() -> Vec<Self> {
+        use std::arch::is_x86_feature_detected as has;
         let mut all = vec![Self::Portable];
-        #[cfg(target_arch = "x86_64")]
-        {
-            use std::arch::is_x86_feature_detected as has;
-            let avx2 = has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2");
-            if avx2 {
-                all.push(Self::Avx2);
-            }
-            if avx2 && has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
-                all.push(Self::Avx512);
-            }
+        let avx2 = has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2");
+        if avx2 {
+            all.push(Self::Avx2);
+        }
+        if avx2 && has!("avx512f") && has!("avx512vl") && has!("avx512dq") && has!("avx512bw") {
+            all.push(Self::Avx512);
         }
         all
     }
