@@ -12,7 +12,7 @@ mod drive;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use drive::{Ring, SONARS, pioneer, recorded, synthetic};
-use echogrid_core::config::{Fusion, Limit, Noise};
+use echogrid_core::config::{Fusion, Limit, NoEcho, Noise};
 use echogrid_core::{Estimate, GridMapper, MapperConfig, OdometryErrors, Reading};
 
 fn main() {
@@ -36,14 +36,16 @@ struct Work {
     errors: OdometryErrors,
     /// Whether all filters judge each ring.
     filtered: bool,
+    /// What no echo says.
+    no_echo: NoEcho,
 }
 
 fn paper(errors: OdometryErrors) -> Work {
-    Work { fusion: Fusion::Paper, errors, filtered: false }
+    Work { fusion: Fusion::Paper, errors, filtered: false, no_echo: NoEcho::Ignore }
 }
 
 fn first_echo(filtered: bool) -> Work {
-    Work { fusion: Fusion::FirstEcho, errors: certain(), filtered }
+    Work { fusion: Fusion::FirstEcho, errors: certain(), filtered, no_echo: NoEcho::Ignore }
 }
 
 fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, work: Work) {
@@ -51,9 +53,10 @@ fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, work: Work) {
         println!("no workload_s.bin");
         return;
     };
-    let Work { fusion, errors, filtered } = work;
+    let Work { fusion, errors, filtered, no_echo } = work;
     // The peers map up to the 5 m that the sonars see.
-    let config = MapperConfig { fusion, max_range_m: Limit::Metres(4.999), min_trust: 0.0, ..MapperConfig::default() };
+    let config =
+        MapperConfig { fusion, no_echo, max_range_m: Limit::Metres(4.999), min_trust: 0.0, ..MapperConfig::default() };
     let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, pioneer()).expect("valid");
     let mut sequence = 0;
     bencher.counter(ItemsCount::new(rings.len())).bench_local(|| {
@@ -86,6 +89,12 @@ fn synthetic_doubtful(bencher: Bencher<'_, '_>) {
 #[divan::bench(sample_count = 5)]
 fn recorded_certain(bencher: Bencher<'_, '_>) {
     map(bencher, recorded().as_deref(), paper(certain()));
+}
+
+/// All 1,209 cells of the mean cone: what no echo says counts too.
+#[divan::bench(sample_count = 5)]
+fn recorded_all_cells(bencher: Bencher<'_, '_>) {
+    map(bencher, recorded().as_deref(), Work { no_echo: NoEcho::Clear, ..paper(certain()) });
 }
 
 #[divan::bench(sample_count = 5)]

@@ -155,6 +155,7 @@ impl Fuser {
             deviations: Deviations { trust: deviations.trust * news * found, ..deviations },
             p_occupied: self.config.p_occupied,
             p_free: self.config.p_free,
+            leaves_gaps: sounding.sensor.leaves_gaps,
         }
     }
 
@@ -175,6 +176,7 @@ impl Fuser {
             aperture_rad,
             prior_log_odds: log_odds_of(self.config.echo_prior),
             weight: news * libm::pow(sigma_z0_m / sigma_z_m, self.config.tempering),
+            leaves_gaps: sounding.sensor.leaves_gaps,
         }
     }
 }
@@ -195,6 +197,7 @@ mod tests {
             range_min_m: 0.02,
             range_max_m: 5.0,
             range_error_ratio: 0.01,
+            leaves_gaps: false,
         };
         // A metre of doubt along x, none across it.
         let deviations = |heading_rad: f64| {

@@ -77,6 +77,18 @@ pub struct Transducer {
     pub range_max_m: f64,
     /// η.
     pub range_error_ratio: f64,
+    /// Whether it is a beam of a lidar that leaves gaps to its neighbours: it is narrower than the step from one to the next.
+    pub leaves_gaps: bool,
+}
+
+impl Sensor {
+    /// Whether there is something between its beams that none of them sees. (A sonar's cone is wide, and the sonars overlap.)
+    fn leaves_gaps(&self) -> bool {
+        // What somebody rounded is no gap.
+        const SLACK: f64 = 1e-3;
+        let step_rad = self.bearing_step_rad.abs();
+        self.kind == SensorKind::Lidar && (self.transducers < 2 || self.aperture_rad < step_rad * (1.0 - SLACK))
+    }
 }
 
 impl Robot {
@@ -95,6 +107,7 @@ impl Robot {
             range_min_m: sensor.range_min_m,
             range_max_m: sensor.range_max_m,
             range_error_ratio: sensor.range_error_ratio,
+            leaves_gaps: sensor.leaves_gaps(),
         })
     }
 

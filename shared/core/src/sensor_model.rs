@@ -115,6 +115,9 @@ pub struct Cone {
     pub p_occupied: f64,
     /// Peak (lowest) of region I without odometry error, in (0, ½).
     pub p_free: f64,
+    /// Whether there are gaps between the beam and its neighbours. Where it is thinner than a cell, all cells that its axis crosses
+    /// belong to it then, and none besides: it would pass between their centres.
+    pub leaves_gaps: bool,
 }
 
 impl Cone {
@@ -181,6 +184,7 @@ mod tests {
             deviations: Deviations::of(range_m, APERTURE_RAD, 0.01, 0.05, &errors, noise),
             p_occupied: 0.85,
             p_free: 0.30,
+            leaves_gaps: false,
         }
     }
 

@@ -76,6 +76,7 @@ fn cone(resolution_m: f64) -> impl Strategy<Value = EchoCone> {
                 aperture_rad,
                 prior_log_odds,
                 weight,
+                leaves_gaps: false,
             }
         },
     )
@@ -141,7 +142,7 @@ proptest! {
             range_cap_m: 3.0,
             lost: clutter,
         };
-        let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds, weight };
+        let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds, weight, leaves_gaps: false };
         let mut grid = Grid::new(0.1);
         let mut kernel = FirstEchoKernel::new(0.0, 8.0);
         if kernel.add(&mut grid, &mut DirtyTiles::default(), Pose2::new(0.1, 0.2, 0.3), &cone, 1).is_ok() {
@@ -166,7 +167,7 @@ fn the_ends_of_the_map_refuse() {
         range_cap_m: 5.0,
         lost: 0.9,
     };
-    let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds: -4.6, weight: 1.0 };
+    let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds: -4.6, weight: 1.0, leaves_gaps: false };
     let add = |pose: Pose2| {
         let mut grid = Grid::new(0.05);
         FirstEchoKernel::new(0.0, 8.0).add(&mut grid, &mut DirtyTiles::default(), pose, &cone, 1).is_ok()

@@ -109,6 +109,7 @@ fn reading(resolution_m: f64, p_occupied: f64, p_free: f64) -> impl Strategy<Val
                 deviations: Deviations::of(range_m, aperture_rad, 0.01, resolution_m, &errors, noise),
                 p_occupied,
                 p_free,
+                leaves_gaps: false,
             };
             (Pose2::new(x + far_off, y - far_off, axis), cone)
         },
@@ -228,6 +229,7 @@ proptest! {
             deviations: Deviations { sigma_z_m, sigma_theta_rad: aperture_rad, trust: 0.5 },
             p_occupied: 0.85,
             p_free: 0.3,
+            leaves_gaps: false,
         };
         let mut grid = Grid::new(0.1);
         if Kernel::new(0.0, 8.0).add(&mut grid, &mut DirtyTiles::default(), pose, &cone, 1).is_ok() {
@@ -250,6 +252,7 @@ fn sonar(range_m: f64) -> Cone {
         deviations: Deviations::of(range_m, aperture_rad, 0.01, 0.05, &errors, NoiseTerms::default()),
         p_occupied: 0.85,
         p_free: 0.3,
+        leaves_gaps: false,
     }
 }
 

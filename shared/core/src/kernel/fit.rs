@@ -57,57 +57,13 @@ pub(super) fn fit<const N: usize>(function: impl Fn(f64) -> f64, high: f64) -> [
     coefficients
 }
 
-/// The polynomial of one degree less, of single precision, that differs least from this one of degree 6 over [0, 1]:
-/// x^6 is replaced by what Chebyshev's polynomial of degree 6 leaves of it.
-pub(super) fn shortened(coefficients: &[f64; 7]) -> [f32; 6] {
-    const LEFT: [f64; 6] = [1.0, -72.0, 840.0, -3584.0, 6912.0, -6144.0];
-    core::array::from_fn(|power| (coefficients[power] - coefficients[6] * LEFT[power] / 2048.0) as f32)
-}
-
-/// The polynomial (of degree 1 or more) at `x`: even and odd powers apart, so that the processor need not wait for one to
-/// go on with the other.
-#[inline(always)]
-pub(super) fn evaluate<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
-    let square = x * x;
-    let last = N - 1;
-    let (mut even, mut odd) = if last.is_multiple_of(2) {
-        (coefficients[last], coefficients[last - 1])
-    } else {
-        (coefficients[last - 1], coefficients[last])
-    };
-    for power in (0..last - 1).rev() {
-        if power.is_multiple_of(2) {
-            even = even * square + coefficients[power];
-        } else {
-            odd = odd * square + coefficients[power];
-        }
-    }
-    even + x * odd
-}
-
-/// As [`evaluate`], in single precision.
-#[inline(always)]
-pub(super) fn evaluate_f32<const N: usize>(coefficients: &[f32; N], x: f32) -> f32 {
-    let square = x * x;
-    let last = N - 1;
-    let (mut even, mut odd) = if last.is_multiple_of(2) {
-        (coefficients[last], coefficients[last - 1])
-    } else {
-        (coefficients[last - 1], coefficients[last])
-    };
-    for power in (0..last - 1).rev() {
-        if power.is_multiple_of(2) {
-            even = even * square + coefficients[power];
-        } else {
-            odd = odd * square + coefficients[power];
-        }
-    }
-    even + x * odd
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn evaluate(coefficients: &[f64], x: f64) -> f64 {
+        coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
+    }
 
     #[test]
     fn follows_smooth_functions() {
@@ -115,17 +71,6 @@ mod tests {
         for step in 0..=1000 {
             let x = 2.0 * f64::from(step) / 1000.0;
             assert!((evaluate(&exp, x) - libm::exp(-x)).abs() < 1e-9, "{x}");
-        }
-    }
-
-    #[test]
-    fn shortening_costs_little() {
-        let long = fit::<7>(|x| libm::exp(-0.5 * x), 1.0);
-        let short = shortened(&long);
-        for step in 0..=1000u16 {
-            let x = f32::from(step) / 1000.0;
-            let expected = libm::exp(-0.5 * f64::from(x));
-            assert!((f64::from(evaluate_f32(&short, x)) - expected).abs() < 1.5e-7, "{x}");
         }
     }
 
