@@ -5,10 +5,11 @@ mod truth;
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use config::ReplayConfig;
 use echogrid_core::Robot;
 use echogrid_formats::log::{self, LogEvent, LogSurvey};
+use echogrid_formats::map::Provenance;
 use echogrid_service::{Plan, Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic, TruePose};
 use truth::Ahead;
@@ -46,7 +47,16 @@ impl Replay {
     /// A section is missing or wrong, or the log is.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let robot = plan.config.contains_key("robot").then(|| plan.section("robot")).transpose()?;
-        Self::new(&plan.section("replay")?, robot)
+        let config: ReplayConfig = plan.section("replay")?;
+        let replay = Self::new(&config, robot)?;
+        // In a later life of this process, too, it must be what was surveyed before the start.
+        let surveyed: Provenance = plan.section("provenance")?;
+        ensure!(
+            surveyed.log_sha256.is_none_or(|sha256| sha256 == replay.survey.sha256),
+            "{}: is not what it was when the run began; a log must stay as it is while it is played",
+            config.log.display()
+        );
+        Ok(replay)
     }
 }
 

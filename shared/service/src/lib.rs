@@ -6,6 +6,7 @@
 
 pub mod conformance;
 pub mod lifeline;
+mod live_clock;
 pub mod local;
 pub mod logging;
 pub mod outbox;

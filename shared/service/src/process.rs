@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use echogrid_topics::{Header, Message, ServiceState, Topic};
 
+use crate::live_clock::LiveClock;
 use crate::pace::Pace;
 use crate::plan::{Plan, SERVICE_VARIABLE};
 use crate::runtime::{Runtime, Stop, Taken, Terminated};
@@ -186,6 +187,7 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
     let mut again = runtime.begin(is_live)?;
     runtime.set_state(ServiceState::Running)?;
     tracing::info!("ready");
+    let mut clock = LiveClock::default();
     // Messages that the sensor has made.
     let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;
@@ -206,13 +208,17 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
             }
             let (stamp_ns, message) = match waiting.take().or_else(|| again.pop_front()) {
                 Some(message) => message,
-                None => match sensor.next()? {
-                    Some((stamp_ns, message)) => {
+                // What can be made anew fails anew.
+                None => match sensor.next().map_err(|error| if is_live { error } else { judged(error) })? {
+                    Some((stamp_ns, message)) if is_live => {
                         made += 1;
-                        if is_live {
-                            runtime.spool(stamp_ns, &message)?;
-                        }
+                        let stamp_ns = clock.stamp_ns(message.topic(), stamp_ns);
+                        runtime.spool(stamp_ns, &message)?;
                         (stamp_ns, message)
+                    }
+                    Some(message) => {
+                        made += 1;
+                        message
                     }
                     None => break 'playing,
                 },

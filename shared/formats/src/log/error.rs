@@ -126,6 +126,16 @@ pub enum LogError {
         /// What was found.
         found: String,
     },
+    /// The file has lost its end since it was surveyed.
+    #[error("{}: has {left} bytes and had {surveyed} when it was surveyed: what was behind them never came", path.display())]
+    Shrunk {
+        /// The file.
+        path: PathBuf,
+        /// Bytes then.
+        surveyed: u64,
+        /// Bytes now.
+        left: u64,
+    },
     /// The file is not the one that was surveyed.
     #[error("{}: was a {surveyed} when it was surveyed and is none any more", path.display())]
     Changed {

@@ -1,7 +1,9 @@
 //! Lines of bytes, of bounded length.
 
 use std::io::{self, BufRead as _, Read};
+use std::path::Path;
 
+use super::LogError;
 use super::source::{BYTE_ORDER_MARK, Source, Stamp, is_damage};
 
 /// Longest line that is looked at, bytes. A lidar scan takes some 10 kB.
@@ -77,6 +79,12 @@ impl<R: Read> Lines<R> {
         let bytes = self.buffer.strip_suffix(b"\r").unwrap_or(&self.buffer);
         let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).filter(|_| self.number == 1).unwrap_or(bytes);
         Ok(Some(Line::Bytes(self.number, bytes)))
+    }
+
+    /// Of lines that have come to their end: an error if the file now has fewer bytes than when it was surveyed.
+    pub(crate) fn check_whole(self, path: &Path, surveyed: u64) -> Result<(), LogError> {
+        let left = self.finish().map_err(|source| LogError::open(path, source))?.bytes;
+        if left < surveyed { Err(LogError::Shrunk { path: path.to_path_buf(), surveyed, left }) } else { Ok(()) }
     }
 
     /// Hash and number of the stored bytes.

@@ -16,23 +16,26 @@ use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
 /// # Errors
 /// When reading fails.
 pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey) -> Result<LogReader, LogError> {
-    let stored = stored.take(survey.byte_counts.first().copied().unwrap_or(u64::MAX));
+    let surveyed = survey.byte_counts.first().copied().unwrap_or(0);
+    let stored = stored.take(surveyed);
     let lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
     Ok(LogReader(Box::new(CarmenReader {
-        lines,
+        lines: Some(lines),
+        surveyed,
         path: path.to_path_buf(),
         plan: survey.plan.clone(),
         timeline: EventLine::new(&survey.clock),
-        ended: false,
     })))
 }
 
 struct CarmenReader<R: Read> {
-    lines: Lines<R>,
+    /// None after their end.
+    lines: Option<Lines<R>>,
+    /// Bytes of the file when it was surveyed.
+    surveyed: u64,
     path: PathBuf,
     plan: CarmenPlan,
     timeline: EventLine,
-    ended: bool,
 }
 
 impl<R: Read> Iterator for CarmenReader<R> {
@@ -43,23 +46,25 @@ impl<R: Read> Iterator for CarmenReader<R> {
             if let Some(event) = self.timeline.pop() {
                 return Some(Ok(event));
             }
-            if self.ended {
-                return None;
-            }
-            match self.lines.next() {
+            let lines = self.lines.as_mut()?;
+            match lines.next() {
                 // What is refused has been counted by the survey.
                 Ok(Some(Line::Bytes(number, bytes))) => {
-                    if let Some(line) = parse(bytes).ok().and_then(|message| timed_line(number, message, &self.plan)) {
+                    let message = parse(bytes).ok();
+                    if let Some(line) = message.and_then(|message| timed_line(number, message, &self.plan)) {
                         self.timeline.push(line);
                     }
                 }
                 Ok(Some(Line::TooLong(_) | Line::Damaged(..))) => {}
                 Ok(None) => {
-                    self.ended = true;
                     self.timeline.finish();
+                    let whole = self.lines.take()?.check_whole(&self.path, self.surveyed);
+                    if let Err(shrunk) = whole {
+                        return Some(Err(shrunk));
+                    }
                 }
                 Err(source) => {
-                    self.ended = true;
+                    self.lines = None;
                     return Some(Err(LogError::open(&self.path, source)));
                 }
             }

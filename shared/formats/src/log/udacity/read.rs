@@ -21,25 +21,22 @@ pub fn read(
     poses_path: &Path,
     survey: &LogSurvey,
 ) -> Result<LogReader, LogError> {
-    let bytes = |file: usize| survey.byte_counts.get(file).copied().unwrap_or(u64::MAX);
+    let bytes = |file: usize| survey.byte_counts.get(file).copied().unwrap_or(0);
+    let surveyed = [bytes(0), bytes(1)];
     let paths = [measurement_path.to_path_buf(), poses_path.to_path_buf()];
     let rows = Rows::new(measurement.take(bytes(0)), poses.take(bytes(1))).map_err(|error| failed(&paths, error))?;
-    Ok(LogReader(Box::new(UdacityReader {
-        rows,
-        paths,
-        timeline: EventLine::new(&survey.clock),
-        places: 0,
-        ended: false,
-    })))
+    Ok(LogReader(Box::new(UdacityReader { rows: Some(rows), surveyed, paths, timeline: EventLine::new(&survey.clock), places: 0 })))
 }
 
 struct UdacityReader<M: Read, P: Read> {
-    rows: Rows<M, P>,
+    /// None after their end.
+    rows: Option<Rows<M, P>>,
+    /// Bytes of both files when they were surveyed.
+    surveyed: [u64; 2],
     paths: [PathBuf; 2],
     timeline: EventLine,
     /// Rows so far.
     places: u64,
-    ended: bool,
 }
 
 impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
@@ -50,10 +47,8 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
             if let Some(event) = self.timeline.pop() {
                 return Some(Ok(event));
             }
-            if self.ended {
-                return None;
-            }
-            match self.rows.next() {
+            let rows = self.rows.as_mut()?;
+            match rows.next() {
                 Ok(Some(Next::Row(row))) => {
                     self.places += 1;
                     self.timeline.push(timed_line(self.places, &row));
@@ -61,11 +56,14 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
                 // Counted by the survey.
                 Ok(Some(Next::Refused(..))) => {}
                 Ok(None) => {
-                    self.ended = true;
                     self.timeline.finish();
+                    let whole = self.rows.take()?.check_whole(&self.paths, self.surveyed);
+                    if let Err(shrunk) = whole {
+                        return Some(Err(shrunk));
+                    }
                 }
                 Err(error) => {
-                    self.ended = true;
+                    self.rows = None;
                     return Some(Err(failed(&self.paths, error)));
                 }
             }

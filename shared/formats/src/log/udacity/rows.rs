@@ -1,10 +1,12 @@
 //! The rows of both files, merged by time.
 
 use std::io::{self, Read};
+use std::path::PathBuf;
 
 use echogrid_core::Pose2;
 
 use super::SONARS;
+use crate::log::LogError;
 use crate::log::fault::{FaultKind, Refusal};
 use crate::log::lines::{Line, Lines};
 
@@ -60,6 +62,12 @@ impl<M: Read, P: Read> Rows<M, P> {
     /// Over the lines of both files; an error says which file.
     pub(super) fn new(measurement: M, poses: P) -> Result<Self, (Half, io::Error)> {
         Ok(Self { measurement: File::new(measurement, Half::Measurement)?, poses: File::new(poses, Half::Poses)? })
+    }
+
+    /// Of rows that have come to their end: an error if a file now has fewer bytes than when it was surveyed.
+    pub(super) fn check_whole(self, [measurement, poses]: &[PathBuf; 2], surveyed: [u64; 2]) -> Result<(), LogError> {
+        self.measurement.lines.check_whole(measurement, surveyed[0])?;
+        self.poses.lines.check_whole(poses, surveyed[1])
     }
 
     pub(super) fn next(&mut self) -> Result<Option<Next>, (Half, io::Error)> {

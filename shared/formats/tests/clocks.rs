@@ -1,0 +1,196 @@
+//! Clocks of logs as robots have them: set, frozen, coarse, without stamps. The path must be the file's, and every scan must
+//! be at the pose that the file has it at.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fmt::Write as _;
+use std::io::Cursor;
+use std::path::{Path, PathBuf};
+
+use echogrid_core::{Echo, Pose2};
+use echogrid_formats::log::{self, LogError, LogEvent, LogSurvey, StepKind, carmen};
+
+/// Poses, 0.1 s apart, on a circle of 2 m.
+fn pose(tenth: u32) -> Pose2 {
+    let angle = f64::from(tenth) * 0.015;
+    Pose2::new(2.0 * angle.cos(), 2.0 * angle.sin(), angle)
+}
+
+/// A drive of `tenths` poses; every fifth has a scan, whose first range tells which. `stamp`: the text of the stamp of that
+/// tenth; `restate`: the pose of the scan, which a line without a stamp says once more.
+fn drive(tenths: u32, stamp: impl Fn(u32) -> String, restate: Option<f64>) -> String {
+    let mut log = String::new();
+    for tenth in 0..tenths {
+        let (Pose2 { x, y, theta }, stamp) = (pose(tenth), stamp(tenth));
+        writeln!(log, "ODOM {x} {y} {theta} 0.3 0.1 0 {stamp} h 0").unwrap();
+        if tenth % 5 == 0 {
+            let x = x + restate.unwrap_or(0.0);
+            let range = 1.0 + f64::from(tenth) * 0.001;
+            writeln!(log, "FLASER 3 {range} 2 3 {x} {y} {theta} {x} {y} {theta} {stamp} h 0").unwrap();
+            if restate.is_some() {
+                writeln!(log, "ODOM {x} {y} {theta} 0 0 0 0 h 0").unwrap();
+            }
+        }
+    }
+    log
+}
+
+fn read(text: &str) -> (LogSurvey, Vec<LogEvent>) {
+    let path = Path::new("a.log");
+    let survey = carmen::survey(text.as_bytes(), path).unwrap();
+    let events = carmen::read(Cursor::new(text.to_owned().into_bytes()), path, &survey).unwrap();
+    (survey, events.map(Result::unwrap).collect())
+}
+
+/// Where the mapper would put each scan: between the poses around its stamp, the last of several at one stamp.
+fn scans(events: &[LogEvent]) -> Vec<(u32, Pose2)> {
+    let poses: Vec<(u64, Pose2)> = events
+        .iter()
+        .filter_map(|event| match event {
+            LogEvent::Odometry { stamp_ns, odom_from_base, .. } => Some((*stamp_ns, *odom_from_base)),
+            _ => None,
+        })
+        .collect();
+    let mut scans = Vec::new();
+    for event in events {
+        let LogEvent::Scan { stamp_ns, readings } = event else { continue };
+        let Echo::Hit { range_m } = readings[0].echo else { panic!("an echo") };
+        let after = poses.partition_point(|(pose_ns, _)| pose_ns <= stamp_ns);
+        let (before_ns, before) = poses[after - 1];
+        let at = match poses.get(after) {
+            Some((after_ns, after)) if *stamp_ns > before_ns => {
+                before.interpolate(*after, (stamp_ns - before_ns) as f64 / (after_ns - before_ns) as f64)
+            }
+            _ => before,
+        };
+        scans.push((((range_m - 1.0) * 1000.0).round() as u32, at));
+    }
+    scans
+}
+
+/// The drive with these stamps has the path of the file, and each scan is where it was.
+fn check(name: &str, tenths: u32, stamp: impl Fn(u32) -> String) -> LogSurvey {
+    let (survey, events) = read(&drive(tenths, stamp, None));
+    let way_m: f64 = (1..tenths).map(|tenth| pose(tenth - 1).distance_m(pose(tenth))).sum();
+    assert!((survey.distance_m - way_m).abs() < 1e-6, "{name}: {} m for {way_m}; {:?}", survey.distance_m, survey.clock);
+    let scans = scans(&events);
+    assert_eq!(scans.len() as u32, tenths.div_ceil(5), "{name}");
+    for (tenth, at) in scans {
+        assert!(at.distance_m(pose(tenth)) < 1e-6, "{name}: scan of {tenth} at {at:?}; {:?}", survey.clock);
+    }
+    survey
+}
+
+fn seconds(tenth: u32) -> f64 {
+    1_700_000_000.0 + f64::from(tenth) / 10.0
+}
+
+#[test]
+fn a_clock_set_back_or_ahead_keeps_the_path() {
+    for (at, by) in [(300, -1.5), (300, -8.0), (300, -0.3), (203, -40.0), (300, 4000.0), (300, 1e8), (597, -5.0), (300, -1.6e9)] {
+        let survey = check(&format!("{by} s at {at}"), 600, |tenth| {
+            format!("{:.6}", seconds(tenth) + if tenth >= at { by } else { 0.0 })
+        });
+        let step = survey.clock.steps.first().unwrap();
+        assert!((step.by_s - f64::abs(by)).abs() < 0.2, "{step:?}");
+        assert_eq!(survey.clock.invented().is_some(), by != 4000.0, "a pause is no invention");
+    }
+    let often = check("set back every 15 s", 900, |tenth| {
+        format!("{:.6}", seconds(tenth) - 1.8 * f64::from(tenth / 150))
+    });
+    assert_eq!((often.clock.set_count, often.clock.order_only), (5, false));
+    check("back and there again", 600, |tenth| {
+        format!("{:.6}", seconds(tenth) - if (200..400).contains(&tenth) { 30.0 } else { 0.0 })
+    });
+    let booted = check("1970", 72, |tenth| {
+        format!("{:.6}", if tenth < 30 { 5.0 + f64::from(tenth) / 10.0 } else { seconds(tenth) })
+    });
+    assert_eq!(booted.clock.steps.first().unwrap().kind, StepKind::SetAhead);
+    assert!(booted.duration().as_secs() < 60);
+}
+
+#[test]
+fn a_clock_that_stands_still_or_counts_whole_seconds() {
+    let frozen = check("frozen", 900, |tenth| format!("{:.6}", seconds(if (300..600).contains(&tenth) { 300 } else { tenth })));
+    assert!((frozen.duration().as_secs_f64() - 89.9).abs() < 0.2, "{:?}", frozen.duration());
+    let lost = check("frozen, and time lost", 900, |tenth| {
+        format!("{:.6}", seconds(if tenth < 300 { tenth } else { tenth.saturating_sub(300).max(300) }))
+    });
+    assert!(lost.clock.stood_still_s > 20.0 && lost.clock.invented().is_some());
+    let whole = check("whole seconds", 600, |tenth| format!("{}", seconds(tenth).floor()));
+    assert!(whole.clock.spread > 500 && whole.clock.invented().is_none());
+    check("one stamp for all", 200, |_| "1700000000.5".to_owned());
+}
+
+#[test]
+fn lines_without_stamps_stay_beside_their_neighbours() {
+    for (name, none) in [("negative", "-1"), ("zero", "0"), ("absurd", "1e300"), ("no number", "nan"), ("words", "n/a")] {
+        let good = |tenth| format!("{:.6}", seconds(tenth));
+        for without in [0..40, 500..560, 540..900, 100..101, 0..1] {
+            let survey = check(&format!("{name}, {without:?}"), 900, |tenth| {
+                if without.contains(&tenth) { none.to_owned() } else { good(tenth) }
+            });
+            assert!(!survey.clock.order_only && survey.clock.unstamped > 0, "{name}: {:?}", survey.clock);
+        }
+        assert!(check(name, 100, |_| none.to_owned()).clock.order_only);
+    }
+}
+
+/// As GMapping writes its corrected logs: after each scan its pose once more, without a stamp.
+#[test]
+fn a_corrected_log_has_its_scans_at_their_own_poses() {
+    let stamp = |tenth| format!("{:.6}", seconds(tenth));
+    let all_zero = |_| "0".to_owned();
+    for (log, order_only) in [(drive(600, stamp, Some(0.03)), false), (drive(600, all_zero, Some(0.03)), true)] {
+        let (survey, events) = read(&log);
+        assert_eq!((survey.clock.restated, survey.clock.order_only), (120, order_only));
+        let way_m: f64 = (1..600).map(|tenth| pose(tenth - 1).distance_m(pose(tenth))).sum();
+        assert!((survey.distance_m - way_m).abs() < 120.0 * 0.065, "{}", survey.distance_m);
+        for (tenth, at) in scans(&events) {
+            let Pose2 { x, y, .. } = pose(tenth);
+            assert!((at.x - x - 0.03).abs() + (at.y - y).abs() < 1e-6, "{tenth}: {at:?}");
+        }
+    }
+}
+
+#[test]
+fn a_log_that_loses_its_end_while_it_is_played_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.log");
+    let text = drive(5000, |tenth| format!("{:.6}", seconds(tenth)), None);
+    std::fs::write(&path, &text).unwrap();
+    let survey = log::survey(&path).unwrap();
+    let mut events = log::open(&path, &survey).unwrap();
+    events.next().unwrap().unwrap();
+    std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(200_000).unwrap();
+    let error = events.find_map(Result::err).unwrap();
+    assert!(matches!(error, LogError::Shrunk { left: 200_000, .. }), "{error}");
+    assert!(events.next().is_none());
+}
+
+/// Logs of the data folder that went wrong: their ways in metres.
+#[test]
+fn logs_that_went_wrong_have_the_way_of_their_file() {
+    let root = std::env::var_os("ECHOGRID_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    for (name, way_m) in [
+        ("faults/A0-good.log", 23.6),
+        ("faults/A1-clock-back-1s5.log", 15.9),
+        ("faults/A2-clock-back-8s.log", 63.3),
+        ("faults/A3-clock-slewed-often.log", 23.6),
+        ("faults/A4-clock-frozen.log", 23.6),
+        ("faults/A5-no-stamp-block.log", 23.6),
+        ("faults/A6-whole-seconds.log", 15.9),
+        ("faults/A7-zero-stamps-3pct.log", 47.5),
+        ("carmen/seattle-corrected.log.gz", 217.4),
+        ("carmen/infinite-corridor-corrected.log.gz", 2004.8),
+    ] {
+        let path = root.join(name);
+        if !path.exists() {
+            eprintln!("skipped: no {}", path.display());
+            continue;
+        }
+        let survey = log::survey(&path).unwrap();
+        assert!((survey.distance_m - way_m).abs() < 0.06, "{name}: {} m", survey.distance_m);
+    }
+}
