@@ -175,6 +175,6 @@ mod tests {
         assert!(names("floor-5..3").unwrap_err().contains("the lower number first"));
         assert!(names("floor-a..3").unwrap_err().contains("as in floor-101..110"));
         assert!(names("ofice").unwrap_err().contains("did you mean office"));
-        assert!(logged("a.log").unwrap_err().to_string().contains("LOG=WORLD"));
+        assert!(logged("a.log", Align::Start).unwrap_err().to_string().contains("LOG=WORLD"));
     }
 }
