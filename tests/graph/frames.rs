@@ -184,6 +184,12 @@ fn a_base_that_counts_anew_and_poses_far_away_spoil_no_map() {
         let [width, height] = [0, 1].map(|axis| run["extent_m"][axis].as_f64().unwrap());
         assert!(width < 8.6 && height < 6.6, "{name}: {run}");
     }
+    // As soon as 0.5 m from its origin.
+    let soon = |step: u32| {
+        let origin = if step < 17 { true_pose(0) } else { true_pose(17) };
+        origin.inverse() * true_pose(step)
+    };
+    assert_eq!(room.map(&room.log("soon.log", soon), &NO_ERROR)["leaps"]["count"], 1);
     let whole = room.map(&room.log("good.log", true_pose), &NO_ERROR);
     assert!(whole["leaps"].is_null() && whole["log_faults"].as_array().unwrap().is_empty(), "{whole}");
 }

@@ -102,6 +102,7 @@ fn to_the_wall(sensor: Pose2) -> f64 {
 type Tiles = BTreeMap<(Layer, (i32, i32)), (u64, Vec<u32>)>;
 
 /// A message, every bit of it.
+#[expect(clippy::large_enum_variant, reason = "a test has few")]
 #[derive(Debug, Clone, PartialEq)]
 enum Said {
     Tile(Layer, (i32, i32), u64, Vec<u32>),

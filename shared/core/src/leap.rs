@@ -16,6 +16,10 @@ const STEPS: usize = 256;
 const STEPS_MIN: usize = 10;
 /// Shorter steps and smaller turns are none, however slow the robot was before, metres and radians.
 const ALWAYS: (f64, f64) = (0.3, 1.5);
+/// The same of a drive that counts from 0 again, which says enough by itself.
+const ANEW: (f64, f64) = (0.1, 0.5);
+/// So many times a long step is then no driving.
+const FASTER_ANEW: f64 = 2.0;
 /// So many times a long step of the drive is no driving: it speeds up, and messages are lost.
 const FASTER: f64 = 8.0;
 /// So many times what the drive's own speeds come to.
@@ -51,6 +55,8 @@ pub struct Leap {
     pub length_m: f64,
     /// Its turn, radians, 0 or more.
     pub turn_rad: f64,
+    /// What the robot did meanwhile if it went on as before; seen from it.
+    pub expected: Increment,
     /// How far the robot may have driven meanwhile, metres.
     pub reach_m: f64,
     /// How far it may have turned meanwhile, radians.
@@ -60,6 +66,7 @@ pub struct Leap {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Step {
     seconds: f64,
+    made: Increment,
     length_m: f64,
     turn_rad: f64,
     said_m: f64,
@@ -71,6 +78,7 @@ impl Step {
         let seconds = now.stamp_ns.saturating_sub(before.stamp_ns) as f64 * 1e-9;
         Self {
             seconds,
+            made,
             length_m: made.length_m(),
             turn_rad: made.turn_rad.abs(),
             said_m: before.v_mps.abs().max(now.v_mps.abs()) * seconds,
@@ -82,8 +90,10 @@ impl Step {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Leaps {
     last: Option<DrivePose>,
-    /// The latest steps that were driven.
+    /// The latest steps that were driven; not those of standing.
     steps: VecDeque<Step>,
+    /// The latest step that was driven, or stood.
+    before: Option<Step>,
 }
 
 impl Leaps {
@@ -93,7 +103,10 @@ impl Leaps {
             return None;
         }
         let step = Step::between(self.last.replace(now)?, now);
-        let leap = self.leap(step, now.w_radps);
+        let leap = self.leap(step, now);
+        if leap.is_none() {
+            self.before = Some(step);
+        }
         if leap.is_none() && (step.length_m > STANDING || step.turn_rad > STANDING) {
             if self.steps.len() == STEPS {
                 self.steps.pop_front();
@@ -103,9 +116,9 @@ impl Leaps {
         leap
     }
 
-    fn leap(&self, step: Step, w_radps: f64) -> Option<Leap> {
+    fn leap(&self, step: Step, now: DrivePose) -> Option<Leap> {
         // Nearly every step ends here.
-        if step.length_m <= ALWAYS.0 && step.turn_rad <= ALWAYS.1 {
+        if step.length_m <= ANEW.0 && step.turn_rad <= ANEW.1 {
             return None;
         }
         let long = |of: fn(&Step) -> f64| quantile(self.steps.iter().map(of), QUANTILE);
@@ -119,17 +132,35 @@ impl Leaps {
         } else {
             (FASTER * long_m * gap).max(WALK_MPS * step.seconds).max(FASTER_THAN_IT_SAYS * step.said_m)
         };
-        let turned_rad = (FASTER * long_rad * gap).max(FASTER_THAN_IT_SAYS * w_radps.abs() * step.seconds);
+        let turned_rad = (FASTER * long_rad * gap).max(FASTER_THAN_IT_SAYS * now.w_radps.abs() * step.seconds);
         let is_known = self.steps.len() >= STEPS_MIN;
         let too_far = step.length_m > driven_m + ALWAYS.0;
         let too_round = is_known && step.turn_rad > turned_rad + ALWAYS.1;
-        let since = if usual_s > 0.0 { (step.seconds.min(STOPS_WITHIN_S) / usual_s).max(1.0) } else { 1.0 };
-        (too_far || too_round).then(|| Leap {
-            length_m: step.length_m,
-            turn_rad: step.turn_rad,
-            reach_m: long_m * since,
-            reach_rad: (long_rad * since).min(core::f64::consts::PI),
+        // A base that is restarted counts from 0, whichever way it is there.
+        let Pose2 { x, y, theta } = now.odom_from_base;
+        let at_zero = libm::hypot(x, y) <= long_m * gap + STANDING && theta.abs() <= long_rad * gap + STANDING;
+        let beyond = |made: f64, long: f64, least: f64| made > FASTER_ANEW * long * gap + least;
+        let anew =
+            is_known && at_zero && (beyond(step.length_m, long_m, ANEW.0) || beyond(step.turn_rad, long_rad, ANEW.1));
+        (too_far || too_round || anew).then(|| {
+            let expected = self.expected(step.seconds);
+            // Within a step it may have stopped, or changed its speed a little; for longer it may have done anything.
+            let (reach_m, reach_rad) = match expected {
+                Some(expected) => (expected.length_m() + 0.25 * long_m, expected.turn_rad.abs() + 0.25 * long_rad),
+                None => {
+                    let steps = if usual_s > 0.0 { (step.seconds.min(STOPS_WITHIN_S) / usual_s).max(1.0) } else { 1.0 };
+                    (long_m * steps, (long_rad * steps).min(core::f64::consts::PI))
+                }
+            };
+            let expected = expected.unwrap_or_default();
+            Leap { length_m: step.length_m, turn_rad: step.turn_rad, expected, reach_m, reach_rad }
         })
+    }
+
+    /// What the robot does in so many seconds if it goes on as before; none where that is much longer than a step: a base that
+    /// is cut off stops.
+    fn expected(&self, seconds: f64) -> Option<Increment> {
+        self.before.filter(|before| seconds <= 2.0 * before.seconds).map(|before| before.made)
     }
 
     /// Whether the speeds that the drive says are those that it drives.
@@ -180,7 +211,19 @@ mod tests {
         }
         // As far as the drive goes in the time that the leap took; not for ever.
         let reach = |tenths: u64| driven(true, 50).next(pose(49 + tenths, 500.0, 0.0)).unwrap().reach_m;
-        assert!((reach(1) - 0.03).abs() < 1e-9 && (reach(600) - 0.6).abs() < 1e-9);
+        assert!((reach(1) - 0.0375).abs() < 1e-9 && (reach(600) - 0.6).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_base_that_counts_anew_near_its_origin() {
+        let mut leaps = driven(false, 11);
+        // 0.3 m from it: less than a leap anywhere else.
+        let leap = leaps.next(pose(11, 0.0, 0.0)).unwrap();
+        assert!((leap.length_m - 0.3).abs() < 1e-9 && (leap.expected.forward_m - 0.03).abs() < 1e-9, "{leap:?}");
+        assert_eq!(driven(false, 11).next(pose(11, 0.05, 0.0)), None, "not quite there");
+        // Home again by driving.
+        let mut leaps = driven(true, 50);
+        (0..50).for_each(|index| assert_eq!(leaps.next(pose(50 + index, 1.47 - 0.03 * index as f64, -0.3)), None));
     }
 
     #[test]

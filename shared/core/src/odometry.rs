@@ -17,7 +17,7 @@ use crate::localization::{Fix, FixError};
 use crate::pose::Pose2;
 
 /// A step of the robot, as seen from the robot: metres along and across the heading half-way through the turn.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Increment {
     /// Along the middle heading, metres; negative when driving backwards (Δl of the paper).
     pub forward_m: f64,
@@ -232,19 +232,19 @@ impl Odometry {
         estimate
     }
 
-    /// The estimate at a pose that the drive did not get to by driving: the robot is where it was, but for what it may have
-    /// driven meanwhile. That doubt stays until the next fix. Exact poses are believed: theirs is a correction.
+    /// The estimate at a pose that the drive did not get to by driving: the robot went on as before, or did
+    /// anything else that it may have done meanwhile. That doubt stays until the next fix. Exact poses are believed: theirs is a correction.
     pub fn leapt(&mut self, odom_from_base: Pose2, leap: &Leap) -> Estimate {
         let Some((_, before)) = self.last.filter(|_| self.model.config.poses == Poses::Drive) else {
             return self.step(odom_from_base);
         };
+        self.doubted = None;
+        let mut after = self.moved(&before, leap.expected);
         // Where it may be at most is two standard deviations away.
         let square = |reach: f64| 0.25 * reach * reach;
         let (lin_m2, ang_rad2) = (square(leap.reach_m), square(leap.reach_rad));
         self.left_open.0 += lin_m2;
         self.left_open.1 += ang_rad2;
-        self.doubted = None;
-        let mut after = before;
         for (place, variance) in [lin_m2, lin_m2, ang_rad2].into_iter().enumerate() {
             after.covariance[(place, place)] += variance;
         }
