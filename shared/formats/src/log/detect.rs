@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::LogError;
 use super::carmen::is_message_name;
 use super::source::Source;
+use crate::open_regular;
 
 /// The formats that can be read, for people.
 pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf; plain or gzipped), \
@@ -53,9 +54,10 @@ enum Looks {
 
 /// Opens a regular file.
 pub(crate) fn open_file(path: &Path) -> Result<File, LogError> {
-    let file = File::open(path).map_err(|source| LogError::open(path, source))?;
-    let metadata = file.metadata().map_err(|source| LogError::open(path, source))?;
-    if metadata.is_file() { Ok(file) } else { Err(LogError::NotAFile { path: path.to_path_buf() }) }
+    match path.metadata() {
+        Ok(metadata) if !metadata.is_file() => Err(LogError::NotAFile { path: path.to_path_buf() }),
+        _ => open_regular(path).map_err(|source| LogError::open(path, source)),
+    }
 }
 
 /// The format of the log at `path`, and the files it is made of.
