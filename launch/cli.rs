@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use echogrid_replay::config::LogUnit;
 use serde::Serialize;
 
 use crate::config::{Interval, LoadRequest};
@@ -149,6 +150,9 @@ pub enum Command {
         input: PathBuf,
         /// The format is that of its ending: .log .log.gz .png .pgm .yaml .npy .echogrid
         output: PathBuf,
+        /// The unit of a log's ranges: auto, m, cm or mm.
+        #[arg(long, value_name = "UNIT", default_value = "auto", value_parser = range_unit)]
+        range_unit: LogUnit,
     },
     /// Tells how good a map is, against the world that it shows.
     Score {
@@ -470,6 +474,17 @@ fn angle(text: &str) -> Result<f64, String> {
     };
     let angle = number.parse::<f64>().ok().map(|number| number * scale).filter(|angle| angle.abs() <= 1e6);
     angle.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())
+}
+
+/// The unit of a log's ranges.
+fn range_unit(text: &str) -> Result<LogUnit, String> {
+    match text {
+        "auto" => Ok(LogUnit::Auto),
+        "m" => Ok(LogUnit::M),
+        "cm" => Ok(LogUnit::Cm),
+        "mm" => Ok(LogUnit::Mm),
+        _ => Err("expected auto, m, cm or mm".to_owned()),
+    }
 }
 
 /// Metres, as far as a wall may reach.

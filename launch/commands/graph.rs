@@ -15,7 +15,7 @@ use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
-use echogrid_topics::wire::MAX_SENSORS;
+use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
 
 use super::doctor;
 use super::spool::Spool;
@@ -43,7 +43,8 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let config = loaded.config();
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
-    let survey = plays_log(config).then(|| log::survey(&config.replay.log)).transpose()?;
+    let survey =
+        plays_log(config).then(|| log::survey_with(&config.replay.log, config.replay.survey_options())).transpose()?;
     if let Some(survey) = survey.as_ref().filter(|_| config.localizer.needs_truth()) {
         let wanted = match config.localizer.source {
             Source::Landmarks => "localizer.source = \"landmarks\" without localizer.sightings measures from",
@@ -54,6 +55,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
             "{}: no true pose in it, which {wanted}; expected TRUEPOS lines",
             config.replay.log.display()
         );
+    }
+    if let (Some(survey), Some(robot)) = (&survey, &config.robot) {
+        has_transducers_of(robot, survey)?;
     }
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
@@ -128,6 +132,10 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     if let Some(robot) = robot.filter(|robot| robot.sensors.len() > MAX_SENSORS) {
         bail!("robot {:?} has {} sensors, at most {MAX_SENSORS} are possible", robot.name, robot.sensors.len());
     }
+    // Who reads its description would refuse what can't be, and all would wait for another.
+    if let Some(robot) = robot {
+        Robot::try_from(&RobotWire::from(robot)).with_context(|| format!("robot {:?}", robot.name))?;
+    }
     // A sonar that the robot does not have, limits that leave a sensor nothing: said before anything is started.
     if let Some(robot) = robot {
         let odometry = &config.odometry;
@@ -149,6 +157,22 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         consumers: supervisor::consumers(&config.services),
         config: table,
     })
+}
+
+/// Refuses a robot that does not have the transducers whose readings the log holds: these would be another's, or nobody's.
+fn has_transducers_of(robot: &Robot, survey: &LogSurvey) -> Result<()> {
+    let (has, needs) = (robot.transducer_count(), survey.robot.transducer_count());
+    let ways = match survey.robot.sensors.len() {
+        1 => String::new(),
+        sensors => format!(" of {sensors} sensors, or ways in which beams lie"),
+    };
+    ensure!(
+        has >= needs,
+        "robot {:?} has {has} transducers, but the log has readings of {needs}{ways}: describe them all, or let the log say where \
+         they are (without --robot)",
+        robot.name
+    );
+    Ok(())
 }
 
 /// Readings in the largest scan.
@@ -242,6 +266,7 @@ fn remarks(survey: &LogSurvey) -> Vec<String> {
             ));
         }
     }
+    remarks.extend(survey.remarks.iter().cloned());
     remarks.extend(survey.faults.iter().map(ToString::to_string));
     if !survey.skipped.is_empty() {
         let kinds: Vec<String> = survey.skipped.iter().map(|(kind, count)| format!("{count} {kind}")).collect();

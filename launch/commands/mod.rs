@@ -22,6 +22,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
+use echogrid_replay::config::{LogUnit, ReplayConfig};
 use echogrid_service::in_words;
 
 use crate::cli::{Cli, Command, Experiment, View};
@@ -62,7 +63,7 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Some(Command::Drive { v, w, domain }) => talk::drive(domain.as_deref(), v, w),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
-        Some(Command::Convert { input, output }) => convert(&input, &output),
+        Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),
         Some(Command::Score { map, world, path, points, json, picture }) => {
             score::run(&score::Request { map, world, path, points, json, picture })
         }
@@ -105,11 +106,15 @@ pub fn run(cli: Cli) -> ExitCode {
     }
 }
 
-fn convert(input: &Path, output: &Path) -> Result<()> {
-    let report = echogrid_formats::convert::convert(input, output)?;
+fn convert(input: &Path, output: &Path, range_unit: LogUnit) -> Result<()> {
+    let options = ReplayConfig { range_unit, ..ReplayConfig::default() }.survey_options();
+    let report = echogrid_formats::convert::convert_with(input, output, options)?;
     let mut text = format!("{}\n", report.input);
     for path in &report.written {
         text += &format!("written   {}\n", path.display());
+    }
+    for remark in &report.remarks {
+        text += &format!("log       {remark}\n");
     }
     for lost in &report.lost {
         text += &format!("lost      {lost}\n");

@@ -1,5 +1,6 @@
 //! Robots: the built-in ones, and those of a file.
 
+use echogrid_core::robot::SENSORS_MAX;
 use echogrid_core::{Footprint, Pose2, Robot, Sensor, SensorKind};
 use serde::{Deserialize, Serialize};
 
@@ -12,9 +13,6 @@ pub(crate) const BUILTIN: &[(&str, &str)] = &[
     ("pioneer3dx", include_str!("../robots/pioneer3dx.toml")),
     ("laser", include_str!("../robots/laser.toml")),
 ];
-
-/// Most sensors (sonars and lidar together) of which a message can tell.
-pub(crate) const SENSORS_MAX: usize = 32;
 
 /// The names of the built-in robots.
 pub fn builtin_robots() -> impl Iterator<Item = &'static str> {

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use echogrid_core::Robot;
+use echogrid_core::robot::SENSORS_MAX;
 use toml::{Table, Value};
 
 use super::problem::{ConfigError, Origin, Problem};
 use super::reading::{self, Findings, Setting};
-use super::robot::{BUILTIN, FILE_ENDING, RawRobot, SENSORS_MAX, builtin_robots};
+use super::robot::{BUILTIN, FILE_ENDING, RawRobot, builtin_robots};
 use super::run::AUTO;
 use super::schema::{ODOMETRY, SIMULATOR};
 use super::source::{self, Source};

@@ -16,6 +16,7 @@ mod kills;
 mod localization;
 mod maps;
 mod privacy;
+mod range_sensors;
 mod real_logs;
 mod score;
 mod second_user;

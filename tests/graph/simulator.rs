@@ -97,7 +97,7 @@ fn a_simulated_robot_can_be_driven_by_hand() {
 #[test]
 fn a_log_keeps_the_promises_of_a_sensor() {
     let drive = Drive::new(3.0);
-    let make = || Replay::new(&ReplayConfig { log: drive.log() }, None);
+    let make = || Replay::new(&ReplayConfig { log: drive.log(), ..ReplayConfig::default() }, None);
     let given = conformance::check(make).unwrap();
     assert!(given.scans > 20 && given.odometry > 3 * (given.scans - 1) && given.hits > 100, "{given:?}");
 }

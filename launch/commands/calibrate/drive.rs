@@ -68,7 +68,7 @@ fn request(request: &Calibrate, log: &Path) -> LoadRequest {
 fn drive(asked: &Calibrate, file: &Path, limits: Limits) -> Result<Drive> {
     let config = Config::load(&request(asked, file))?.into_config();
     ensure!(
-        !config.localizer.needs_truth() || log::survey(file)?.true_pose_count > 0,
+        !config.localizer.needs_truth() || log::survey_with(file, config.replay.survey_options())?.true_pose_count > 0,
         "{}: no true pose in it; expected a log with TRUEPOS lines, or --reference FILE, or --landmarks FILE with --sightings FILE",
         file.display()
     );

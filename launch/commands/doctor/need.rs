@@ -21,7 +21,9 @@ pub(super) struct Need {
 impl Need {
     pub(super) fn of(config: &Config) -> Self {
         let log = &config.replay.log;
-        let survey = (plays_log(config) && !log.as_os_str().is_empty()).then(|| log::survey(log)).transpose();
+        let survey = (plays_log(config) && !log.as_os_str().is_empty())
+            .then(|| log::survey_with(log, config.replay.survey_options()))
+            .transpose();
         let (survey, log) = match survey {
             Ok(survey) => (survey, None),
             Err(error) => (None, Some(error.to_string())),

@@ -63,7 +63,15 @@ static RUN: Section = Section {
 static REPLAY: Section = Section {
     name: "replay",
     about: "the log that builtin:replay plays",
-    keys: &[text("log", Text::Path, "a path", "the log; empty: not named yet")],
+    keys: &[
+        text("log", Text::Path, "a path", "the log; empty: not named yet"),
+        words(
+            "range_unit",
+            &["auto", "m", "cm", "mm"],
+            "one of auto, m, cm, mm",
+            "the unit of its ranges: m (metres), cm or mm; auto: told by how they change as the robot moves",
+        ),
+    ],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,
 };

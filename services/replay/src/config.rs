@@ -1,7 +1,8 @@
-//! `[replay]`: which log is played.
+//! `[replay]`: which log is played, and what it does not say of itself.
 
 use std::path::PathBuf;
 
+use echogrid_formats::log::{RangeUnit, SurveyOptions};
 use serde::{Deserialize, Serialize};
 
 /// `[replay]`.
@@ -10,4 +11,35 @@ use serde::{Deserialize, Serialize};
 pub struct ReplayConfig {
     /// The log; empty where none was given.
     pub log: PathBuf,
+    /// The unit of its ranges.
+    pub range_unit: LogUnit,
+}
+
+/// The unit of a log's ranges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LogUnit {
+    /// Told by the ranges themselves.
+    #[default]
+    Auto,
+    /// Metres.
+    M,
+    /// Centimetres.
+    Cm,
+    /// Millimetres.
+    Mm,
+}
+
+impl ReplayConfig {
+    /// What the user says of the log.
+    #[must_use]
+    pub fn survey_options(&self) -> SurveyOptions {
+        let range_unit = match self.range_unit {
+            LogUnit::Auto => None,
+            LogUnit::M => Some(RangeUnit::Metres),
+            LogUnit::Cm => Some(RangeUnit::Centimetres),
+            LogUnit::Mm => Some(RangeUnit::Millimetres),
+        };
+        SurveyOptions { range_unit }
+    }
 }

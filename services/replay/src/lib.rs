@@ -34,7 +34,7 @@ impl Replay {
     /// # Errors
     /// The log can't be read, or nothing can be mapped from it.
     pub fn new(config: &ReplayConfig, robot: Option<Robot>) -> Result<Self> {
-        let survey = log::survey(&config.log)?;
+        let survey = log::survey_with(&config.log, config.survey_options())?;
         let events = Ahead::new(log::open(&config.log, &survey)?);
         let robot = Some(robot.unwrap_or_else(|| survey.robot.clone()));
         Ok(Self { robot, survey, events, waiting: None })

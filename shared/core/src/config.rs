@@ -226,7 +226,7 @@ pub enum Limit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitWord {
-    /// For a sonar the paper's 0.15 m and 4 m, for a lidar its own range limits.
+    /// For a sonar the paper's 0.15 m and 4 m, for a lidar its own range limits, up to 100 m.
     Auto,
 }
 

@@ -56,7 +56,7 @@ pub use mapping::{GridMapper, RestoreError};
 pub use nalgebra::Matrix3;
 pub use odometry::{ErrorModel, Estimate, Increment, Odometry, OdometryErrors, move_by};
 pub use parts::{Parts, Saved, SavedError};
-pub use pose::Pose2;
+pub use pose::{POSITION_MAX_M, Pose2};
 pub use quality::{Quality, QualityError};
 pub use raster::Raster;
 pub use reading::{Echo, Reading};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::config::ConfigError;
 use crate::gate::Gate;
-use crate::pose::Pose2;
+use crate::pose::{POSITION_MAX_M, Pose2};
 
 /// Yes, no, or as the graph suggests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -185,9 +185,6 @@ impl Asking {
     }
 }
 
-/// No robot is farther from the map's origin, metres.
-const POSITION_MAX_M: f64 = 1e6;
-
 /// Of 0 seconds or more; too many are the most there are.
 fn nanoseconds(seconds: f64) -> u64 {
     (seconds * 1e9) as u64
@@ -244,7 +241,7 @@ impl Fix {
         }
         // Farther off no message can say where the robot is.
         if let Some(value) = [self.pose.x, self.pose.y].iter().find(|value| value.abs() > POSITION_MAX_M) {
-            return refuse("position", value, "metres, within ±1e6");
+            return refuse("position", value, "metres, within ±3e7");
         }
         if !self.position_known && !self.heading_known {
             return refuse("known", &"nothing", "a position, a heading, or both");
@@ -338,7 +335,7 @@ mod tests {
         assert_eq!(field(|_| {}), None);
         assert_eq!(field(|fix| fix.covariance = Matrix3::zeros()), None);
         assert_eq!(field(|fix| fix.pose.theta = f64::NAN), Some("pose"));
-        assert_eq!(field(|fix| fix.pose.y = -2e6), Some("position"));
+        assert_eq!(field(|fix| fix.pose.y = -4e7), Some("position"));
         assert_eq!(field(|fix| (fix.position_known, fix.heading_known) = (false, false)), Some("known"));
         assert_eq!(field(|fix| fix.covariance[(0, 0)] = -1.0), Some("covariance"));
         assert_eq!(field(|fix| fix.covariance[(0, 1)] = 0.001), Some("covariance"));

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
 
+/// The farthest that a position can be from the origin, metres: that of UTM and web Mercator coordinates, and more.
+pub const POSITION_MAX_M: f64 = 3e7;
+
 /// A pose in the plane, or the transform between two frames: `map_from_base` takes what is
 /// seen from the base into the map. Names make frames cancel: `map_from_odom * odom_from_base`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

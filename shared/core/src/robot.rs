@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::pose::Pose2;
 
+/// The most sensors that a robot can have: each sonar is one, and so is a lidar for each way in which its beams may lie.
+pub const SENSORS_MAX: usize = 256;
+
 /// What kind of range sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -407,7 +407,7 @@ fn impossible_numbers_are_named() {
         let error = triangulate(&sightings, pose).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     };
-    check(&|s| s.range_m = Some(f64::NAN), "sighting 2: the range is NaN; expected metres, from 0 to 1e6");
+    check(&|s| s.range_m = Some(f64::NAN), "sighting 2: the range is NaN; expected metres, from 0 to 3e7");
     check(&|s| s.range_m = Some(-1.0), "sighting 2: the range is -1;");
     check(&|s| s.bearing_rad = Some(90.0), "sighting 2: the bearing is 90; expected radians within a turn");
     check(&|s| s.range_sigma_m = 0.0, "sighting 2: the range's sigma is 0; expected a standard deviation");

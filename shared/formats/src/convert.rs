@@ -35,6 +35,8 @@ pub struct ConvertReport {
     pub written: Vec<PathBuf>,
     /// What the output can't hold, in words; empty if nothing is lost.
     pub lost: Vec<String>,
+    /// What is odd about a log's sensors, and what was made of it, in words.
+    pub remarks: Vec<String>,
 }
 
 /// Why a conversion failed.
@@ -117,6 +119,14 @@ impl Input {
 /// When the input can't be read, the output can't be written, or there is no way from one to the
 /// other (the error lists what is possible).
 pub fn convert(input: &Path, output: &Path) -> Result<ConvertReport, ConvertError> {
+    convert_with(input, output, log::SurveyOptions::default())
+}
+
+/// As [`convert`], where the user says of a log what it does not.
+///
+/// # Errors
+/// As [`convert`].
+pub fn convert_with(input: &Path, output: &Path, options: log::SurveyOptions) -> Result<ConvertReport, ConvertError> {
     let kind = kind_of(input)?;
     let extension = extension(output);
     let (possible, extensions) = kind.outputs();
@@ -132,7 +142,7 @@ pub fn convert(input: &Path, output: &Path) -> Result<ConvertReport, ConvertErro
     match kind {
         Input::NativeMap => convert_native(input, output, &extension),
         Input::MapServer => convert_map_server(input, output, &extension),
-        Input::Log => convert_log(input, output, extension.ends_with(".gz")),
+        Input::Log => convert_log(input, output, extension.ends_with(".gz"), options),
     }
 }
 
@@ -187,7 +197,12 @@ fn extension(path: &Path) -> String {
 
 fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
     let document = native::read(input)?;
-    let mut report = ConvertReport { input: Input::NativeMap.name().into(), written: Vec::new(), lost: Vec::new() };
+    let mut report = ConvertReport {
+        input: Input::NativeMap.name().into(),
+        written: Vec::new(),
+        lost: Vec::new(),
+        remarks: Vec::new(),
+    };
     if document.doubt.is_some() && extension != "echogrid" {
         report.lost.push("the doubt of each cell".into());
     }
@@ -211,7 +226,12 @@ fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<Conver
 
 fn convert_map_server(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
     let (_, map) = map_server::read(input)?;
-    let mut report = ConvertReport { input: Input::MapServer.name().into(), written: Vec::new(), lost: Vec::new() };
+    let mut report = ConvertReport {
+        input: Input::MapServer.name().into(),
+        written: Vec::new(),
+        lost: Vec::new(),
+        remarks: Vec::new(),
+    };
     write_occupancy(input, output, extension, &map, &mut report)?;
     Ok(report)
 }
@@ -240,9 +260,14 @@ fn write_occupancy(
     Ok(())
 }
 
-fn convert_log(input: &Path, output: &Path, gzipped: bool) -> Result<ConvertReport, ConvertError> {
+fn convert_log(
+    input: &Path,
+    output: &Path,
+    gzipped: bool,
+    options: log::SurveyOptions,
+) -> Result<ConvertReport, ConvertError> {
     refuse_same(input, output)?;
-    let survey = log::survey(input)?;
+    let survey = log::survey_with(input, options)?;
     let mut events = log::open(input, &survey)?;
     let mut file = WholeFile::create(output)?;
     let scans_without_pose = if gzipped {
@@ -261,7 +286,12 @@ fn convert_log(input: &Path, output: &Path, gzipped: bool) -> Result<ConvertRepo
     if survey.stamps == log::StampQuality::OrderOnly {
         lost.push("the stamps, which were useless: made-up ones stand for the order".into());
     }
-    Ok(ConvertReport { input: survey.format.to_string(), written: vec![output.to_path_buf()], lost })
+    Ok(ConvertReport {
+        input: survey.format.to_string(),
+        written: vec![output.to_path_buf()],
+        lost,
+        remarks: survey.remarks,
+    })
 }
 
 /// Writes all events; the writer, and how many scans had no pose.

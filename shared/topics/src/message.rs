@@ -7,7 +7,8 @@ use echogrid_core::localization::{Fix, Reason};
 use echogrid_core::odometry::{Estimate, OdometryErrors};
 use echogrid_core::verdict::{Verdict, VerdictCounts};
 use echogrid_core::{
-    CellIndex, Echo, Footprint, JointCovariance, Pose2, Reading, Robot, Scales, Sensor, SensorKind, TileIndex,
+    CellIndex, Echo, Footprint, JointCovariance, POSITION_MAX_M, Pose2, Reading, Robot, Scales, Sensor, SensorKind,
+    TileIndex,
 };
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
@@ -19,8 +20,6 @@ use crate::wire::{
     TrueWorldWire, VerdictWire, bytes_to_text, text_to_bytes,
 };
 
-/// Positions beyond are taken for faults, metres.
-const POSITION_LIMIT_M: f64 = 1e6;
 /// Ranges beyond are taken for faults, metres.
 const RANGE_LIMIT_M: f64 = 1e5;
 /// Flags of an estimate.
@@ -318,7 +317,7 @@ fn at_least_zero(field: &'static str, value: f64) -> Result<f64, Fault> {
 
 fn pose(x: f64, y: f64, theta: f64) -> Result<Pose2, Fault> {
     for (field, value) in [("x_m", x), ("y_m", y)] {
-        check(value.is_finite() && value.abs() <= POSITION_LIMIT_M, field, value, "within ±1e6 m")?;
+        check(value.is_finite() && value.abs() <= POSITION_MAX_M, field, value, "within ±3e7 m")?;
     }
     check(theta.is_finite() && theta.abs() <= 1e6, "theta_rad", theta, "a finite angle")?;
     Ok(Pose2::new(x, y, theta))
@@ -389,7 +388,7 @@ impl TryFrom<&RobotWire> for Robot {
     type Error = Fault;
 
     fn try_from(wire: &RobotWire) -> Result<Self, Fault> {
-        check(wire.sensor_count as usize <= MAX_SENSORS, "sensor_count", wire.sensor_count, "at most 32")?;
+        check(wire.sensor_count as usize <= MAX_SENSORS, "sensor_count", wire.sensor_count, "at most 256")?;
         let sensors = wire.sensors[..wire.sensor_count as usize]
             .iter()
             .map(|s| {
@@ -565,7 +564,7 @@ impl TryFrom<&TrueWorldWire> for TrueWorld {
     fn try_from(wire: &TrueWorldWire) -> Result<Self, Fault> {
         let [x_low, y_low, x_high, y_high] = wire.bounds_m;
         for value in wire.bounds_m {
-            check(value.is_finite() && value.abs() <= POSITION_LIMIT_M, "bounds_m", value, "within ±1e6 m")?;
+            check(value.is_finite() && value.abs() <= POSITION_MAX_M, "bounds_m", value, "within ±3e7 m")?;
         }
         check(x_low <= x_high && y_low <= y_high, "bounds_m", x_high, "the lowest x and y before the highest")?;
         Ok(Self { name: bytes_to_text(&wire.name), bounds_m: [[x_low, y_low], [x_high, y_high]] })
@@ -723,7 +722,7 @@ impl TryFrom<&MapInfoWire> for MapInfo {
         for verdict in Verdict::ALL {
             verdicts.add_many(verdict, wire.verdicts[verdict as usize]);
         }
-        check(wire.sonar_count as usize <= MAX_SENSORS, "sonar_count", wire.sonar_count, "at most 32")?;
+        check(wire.sonar_count as usize <= MAX_SENSORS, "sonar_count", wire.sonar_count, "at most 256")?;
         let of_sonar = |slots: &[u32]| {
             let mut counts = VerdictCounts::default();
             Verdict::ALL.into_iter().zip(slots).for_each(|(verdict, count)| counts.add_many(verdict, (*count).into()));

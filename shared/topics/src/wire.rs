@@ -12,7 +12,9 @@ use iceoryx2::prelude::ZeroCopySend;
 /// Cells in a map tile (64 × 64).
 pub const TILE_CELLS: usize = 4096;
 /// Sensors that a robot description can hold.
-pub const MAX_SENSORS: usize = 32;
+pub const MAX_SENSORS: usize = 256;
+// A description of every robot that there can be fits.
+const _: () = assert!(MAX_SENSORS == echogrid_core::robot::SENSORS_MAX);
 /// Inputs that a health message can acknowledge.
 pub const MAX_ACKS: usize = 8;
 /// Verdict kinds that a map info can count.
@@ -121,7 +123,7 @@ wire! {
 
 wire! {
     /// `robot/description`: the sensors and the footprint.
-    "echogrid/RobotDescription/1" RobotWire {
+    "echogrid/RobotDescription/2" RobotWire {
         /// UTF-8, padded with zeros.
         name: [u8; 64],
         /// Along x, metres; 0 unknown.
@@ -133,7 +135,7 @@ wire! {
         /// Zero.
         reserved: u32,
         /// The sensors in the order of their transducers.
-        sensors: [SensorWire; 32],
+        sensors: [SensorWire; 256],
     }
 }
 
@@ -235,7 +237,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/5" MapInfoWire {
+    "echogrid/MapInfo/6" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -271,7 +273,7 @@ wire! {
         /// Zero.
         reserved: u32,
         /// Readings by verdict code, 16 counts for each sonar, by its number; 2^32 − 1: that many or more.
-        sonar_verdicts: [u32; 512],
+        sonar_verdicts: [u32; 4096],
     }
 }
 

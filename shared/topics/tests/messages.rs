@@ -343,12 +343,12 @@ where
 fn robots_that_cannot_be() {
     let check = |field, spoil: fn(&mut RobotWire)| refused::<_, Robot>(good_robot(), field, spoil);
     assert!(Robot::try_from(&good_robot()).is_ok());
-    check("sensor_count", |w| w.sensor_count = 33);
+    check("sensor_count", |w| w.sensor_count = 257);
     check("sensor_count", |w| w.sensor_count = u32::MAX);
     check("kind", |w| w.sensors[0].kind = 7);
     check("kind", |w| w.sensors[0].kind = 0);
     check("x_m", |w| w.sensors[0].x_m = f64::NAN);
-    check("y_m", |w| w.sensors[0].y_m = -1.1e6);
+    check("y_m", |w| w.sensors[0].y_m = -3.1e7);
     check("theta_rad", |w| w.sensors[0].theta_rad = f64::INFINITY);
     check("first_bearing_rad", |w| w.sensors[0].first_bearing_rad = f64::NAN);
     check("bearing_step_rad", |w| w.sensors[0].bearing_step_rad = f64::NEG_INFINITY);
@@ -370,7 +370,7 @@ fn odometry_that_cannot_be() {
         |field, spoil: fn(&mut OdometryRawWire)| refused::<_, RawOdometry>(OdometryRawWire::default(), field, spoil);
     assert!(RawOdometry::try_from(&OdometryRawWire::default()).is_ok());
     check("x_m", |w| w.x_m = f64::NAN);
-    check("x_m", |w| w.x_m = 1e6 + 1.0);
+    check("x_m", |w| w.x_m = 3e7 + 1.0);
     check("y_m", |w| w.y_m = f64::NEG_INFINITY);
     check("theta_rad", |w| w.theta_rad = f64::NAN);
     check("theta_rad", |w| w.theta_rad = 1e7);
@@ -440,7 +440,7 @@ fn tiles_that_cannot_be() {
 fn numbers_of_a_map_that_cannot_be() {
     let check = |field, spoil: fn(&mut MapInfoWire)| refused::<_, MapInfo>(MapInfoWire::default(), field, spoil);
     assert!(MapInfo::try_from(&MapInfoWire::default()).is_ok());
-    check("sonar_count", |w| w.sonar_count = 33);
+    check("sonar_count", |w| w.sonar_count = 257);
     check("entropy_bits", |w| w.entropy_bits = -1.0);
     check("trust", |w| w.trust = f64::NAN);
     check("distance_m", |w| w.distance_m = f64::INFINITY);

@@ -1,6 +1,6 @@
 //! A transducer with all that the configuration says about it.
 
-use super::range::range_limits;
+use super::range::{LIDAR_MAX_M, range_limits};
 use super::selection::selected;
 use crate::config::{ConfigError, MapperConfig};
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
@@ -30,8 +30,12 @@ pub(crate) fn channels(config: &MapperConfig, robot: &Robot) -> Result<Vec<Optio
     let selected = selected(&config.sonars, &transducers)?;
     let mut sonars = 0..=u16::MAX;
     let channel = |(transducer, selected): (Option<Transducer>, bool)| {
-        let Some(transducer) = transducer else { return Ok(None) };
+        let Some(mut transducer) = transducer else { return Ok(None) };
         let (min_range_m, max_range_m) = range_limits(config, &transducer)?;
+        if transducer.kind == SensorKind::Lidar {
+            // Nor does a reading without an echo clear what is farther.
+            transducer.range_max_m = transducer.range_max_m.min(max_range_m.max(LIDAR_MAX_M));
+        }
         let sonar = if transducer.kind == SensorKind::Sonar { sonars.next() } else { None };
         Ok(Some(Channel { transducer, sonar, selected, min_range_m, max_range_m }))
     };

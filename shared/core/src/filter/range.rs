@@ -9,6 +9,10 @@ use crate::verdict::Verdict;
 /// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
 const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
 
+/// The farthest that a lidar is believed unless it is said otherwise, metres: what a log gives as farther is mostly a code or another
+/// unit, and rays of kilometres fill the memory.
+pub(crate) const LIDAR_MAX_M: f64 = 100.0;
+
 /// The range of an echo, metres, or why it is none. No filter is needed for that, and none can be without.
 ///
 /// # Errors
@@ -39,7 +43,7 @@ pub(crate) fn refusal(channel: &Channel, range_m: f64) -> Option<Verdict> {
 pub(crate) fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
     let own = match transducer.kind {
         SensorKind::Sonar => SONAR_LIMITS_M,
-        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m),
+        SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m.min(LIDAR_MAX_M)),
     };
     let metres = |limit: Limit, own: f64| match limit {
         Limit::Metres(metres) => metres,

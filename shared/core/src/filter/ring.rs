@@ -9,7 +9,7 @@ use crate::odometry::Estimate;
 use crate::verdict::Verdict;
 
 /// So many sonars of a scan are judged by each other: no description of a robot holds more.
-const CLAIMS_MAX: usize = 32;
+const CLAIMS_MAX: usize = crate::robot::SENSORS_MAX;
 /// Where the map moves under the robot by more, what was heard before is in the wrong place, metres.
 const JUMP_M: f64 = 0.1;
 /// What a turn moves is so far away, metres.

@@ -6,7 +6,7 @@ use super::error::TriangulationError;
 use crate::pose::Pose2;
 
 /// Coordinates and ranges beyond this are no place on a floor, metres.
-pub const LENGTH_MAX_M: f64 = 1e6;
+pub const LENGTH_MAX_M: f64 = crate::pose::POSITION_MAX_M;
 /// Smallest standard deviation that is taken, metres or radians.
 pub const SIGMA_MIN: f64 = 1e-9;
 /// Largest standard deviation that is taken, metres or radians.
@@ -47,7 +47,7 @@ impl Sighting {
             check("position of its landmark", value, is_length(value), PLACE)?;
         }
         if let Some(range_m) = self.range_m {
-            check("range", range_m, is_length(range_m) && range_m >= 0.0, "metres, from 0 to 1e6")?;
+            check("range", range_m, is_length(range_m) && range_m >= 0.0, "metres, from 0 to 3e7")?;
             check("range's sigma", self.range_sigma_m, is_sigma(self.range_sigma_m), SIGMA)?;
         }
         if let Some(bearing_rad) = self.bearing_rad {
@@ -58,7 +58,7 @@ impl Sighting {
     }
 }
 
-const PLACE: &str = "metres, within 1e6 of the origin";
+const PLACE: &str = "metres, within 3e7 of the origin";
 const SIGMA: &str = "a standard deviation from 1e-9 to 1e6";
 
 /// Also false for NaN.

@@ -21,7 +21,7 @@ pub const LANDMARKS_BYTES_MAX: u64 = 1 << 20;
 
 const SCHEMA: Schema = Schema { tables: &[("landmark", &["name", "at"])], single: None };
 const NAME: &str = "one word in quotes, without blanks and #, and not -";
-const WITHIN: &str = "[x, y], metres within 1e6 of the origin";
+const WITHIN: &str = "[x, y], metres within 3e7 of the origin";
 
 /// Surveyed landmarks, each with a name and a place of its own.
 #[derive(Debug, Clone, PartialEq)]
@@ -135,7 +135,7 @@ mod tests {
         check("at = [1, 6.0]", "", "line 1: a landmark without at; expected landmark with name, at");
         check("[1, 6.0]", "[1, nan]", "line 3: at of landmark is [1, nan]; expected [x, y], metres");
         check("[1, 6.0]", "[1, 6.0, 0]", "line 3: at of landmark is [1, 6.0, 0]; expected [x, y]");
-        check("[1, 6.0]", "[1, 6e6]", "within 1e6 of the origin");
+        check("[1, 6.0]", "[1, 6e7]", "within 3e7 of the origin");
         check("\"door\"", "7", "line 2: name of landmark is 7; expected a text in quotes");
         check("\"door\"", "\"the door\"", "line 2: name of landmark is \"the door\"; expected one word in quotes");
         check("\"door\"", "\"-\"", "expected one word");

@@ -154,7 +154,7 @@ mod tests {
         check("1 2 3 0 0 0 0 1\n", "line 1: \"1 2 3 0 0 0 0 1\"; expected 4 words `t x y theta`, or 7");
         check("\n-1 2 3 4\n", "line 2: t is \"-1\"; expected seconds");
         check("1 nan 3 4\n", "line 1: x is \"nan\"; expected metres");
-        check("1 2 1e7 4\n", "y is \"1e7\"");
+        check("1 2 4e7 4\n", "y is \"4e7\"");
         check("1 2 3 4°\n", "theta is \"4°\"; expected radians");
         check("1 2 3 4 5 6 inf\n", "otheta is \"inf\"; expected a number");
         check("1 0 0 0\n2 0 0 0\n1.0 0 0 0\n", "line 3: the stamp of line 1 again; expected a stamp of its own");

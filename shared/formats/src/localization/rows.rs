@@ -50,7 +50,7 @@ impl Row<'_> {
 
     /// A coordinate in the map frame.
     pub(super) fn coordinate(&self, what: &str, word: &str) -> Result<f64, TextError> {
-        self.number(what, word, |value| value.abs() <= LENGTH_MAX_M, "metres, within 1e6 of the origin")
+        self.number(what, word, |value| value.abs() <= LENGTH_MAX_M, "metres, within 3e7 of the origin")
     }
 }
 

@@ -129,7 +129,7 @@ fn sighting(row: &Row<'_>, landmarks: &Landmarks) -> Result<TimedSighting, TextE
         word => row.number(what, word, fits, expected).map(Some),
     };
     let range_m =
-        number("range_m", range, |range| (0.0..=LENGTH_MAX_M).contains(&range), "metres, from 0 to 1e6, or -")?;
+        number("range_m", range, |range| (0.0..=LENGTH_MAX_M).contains(&range), "metres, from 0 to 3e7, or -")?;
     let bearing_rad =
         number("bearing_rad", bearing, |bearing| bearing.abs() <= TAU, "radians within a turn (-2π to 2π), or -")?;
     if range_m.is_none() && bearing_rad.is_none() {
@@ -182,7 +182,7 @@ mod tests {
             "line 2: landmark is \"dor\"; expected a name of the landmarks file; did you mean door?",
         );
         check("1 zzz 2 1\n", "landmark is \"zzz\"; expected a name of the landmarks file");
-        check("1 door -2 1\n", "range_m is \"-2\"; expected metres, from 0 to 1e6, or -");
+        check("1 door -2 1\n", "range_m is \"-2\"; expected metres, from 0 to 3e7, or -");
         check("1 door inf 1\n", "range_m is \"inf\"");
         check("1 door 2 90\n", "bearing_rad is \"90\"; expected radians within a turn");
         check("1 door - -\n", "line 1: \"1 door - -\"; expected a range, a bearing or both");

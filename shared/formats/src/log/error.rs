@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use echogrid_core::robot::SENSORS_MAX;
+
 use super::detect::{KNOWN_FORMATS, LogFormat};
 
 /// Why a log can't be used at all. What is wrong *within* a usable log is a [`super::Fault`].
@@ -89,6 +91,40 @@ pub enum LogError {
         path: PathBuf,
         /// How many there are.
         count: u64,
+    },
+    /// The log has more sensors than a robot can have.
+    #[error("{}: {count} range sensors in it; a robot can have at most {SENSORS_MAX}", path.display())]
+    TooManySensors {
+        /// The file.
+        path: PathBuf,
+        /// How many there are.
+        count: u64,
+    },
+    /// A line has more sonars than a robot can have.
+    #[error("{}:{line}: SONAR of {count} sonars; a robot can have at most {SENSORS_MAX} range sensors", path.display())]
+    TooManySonars {
+        /// The file.
+        path: PathBuf,
+        /// The line.
+        line: u64,
+        /// How many there are.
+        count: usize,
+    },
+    /// The ranges are in no unit that can be told.
+    #[error(
+        "{}:{line}: ranges of {message} are hardly metres: {found}; say what they are by \
+         --set replay.range_unit=mm (of convert: --range-unit mm), or cm, or m if they are metres",
+        path.display()
+    )]
+    UnknownUnit {
+        /// The file.
+        path: PathBuf,
+        /// The first line of them.
+        line: u64,
+        /// The message that they are in.
+        message: String,
+        /// What was found.
+        found: String,
     },
     /// The file is not the one that was surveyed.
     #[error("{}: was a {surveyed} when it was surveyed and is none any more", path.display())]

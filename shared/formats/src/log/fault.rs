@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 /// Longest sample of a faulty value that is kept, characters.
-const SAMPLE_CHARS: usize = 48;
+const SAMPLE_CHARS: usize = 72;
 
 /// A kind of damage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
@@ -20,7 +20,7 @@ pub enum FaultKind {
     RangeNotFinite,
     /// A range beyond 100 km; the reading is invalid.
     AbsurdRange,
-    /// A pose beyond 1000 km or 10⁶ rad, or a sensor's angle beyond a turn; the line is refused.
+    /// A pose beyond 30 000 km or 10⁶ rad, or a sensor's angles that can't be; the line is refused.
     AbsurdPose,
     /// A velocity beyond 1000 m/s or rad/s; the line is refused.
     AbsurdVelocity,
@@ -32,8 +32,24 @@ pub enum FaultKind {
     Truncated,
     /// There are words too many; the line is refused.
     ExtraWords,
-    /// The sensor's geometry or its number of readings is not what it was at first; the line is refused.
-    GeometryChanged,
+    /// More mounts of sonars than a robot can have sensors; the line is refused.
+    TooManyMounts,
+    /// A laser's angles are beyond a turn: they are read as degrees.
+    AnglesInDegrees,
+    /// A laser states neither field of view nor step: its beams are spread as those of `FLASER`.
+    AnglesMissing,
+    /// Step and number of beams make another field of view than the one that is stated: the step is believed.
+    StepNotOfView,
+    /// Step and number of beams make more than a turn: the field of view is believed.
+    StepBeyondTurn,
+    /// A sonar's cone is beyond half a turn: it is read as degrees.
+    ConeInDegrees,
+    /// A sonar's cone is 0: it is taken to be 30° wide.
+    ConeMissing,
+    /// A sonar's cone is negative: its size counts.
+    ConeNegative,
+    /// A sonar's cone is wider than 90°: it is used, but hardly any sonar's is.
+    ConeWide,
     /// No message at all; the line is refused.
     NotAMessage,
     /// Bytes that are no text; the line is refused.
@@ -57,7 +73,15 @@ impl core::fmt::Display for FaultKind {
             Self::BadCount => "impossible count of readings",
             Self::Truncated => "truncated line",
             Self::ExtraWords => "words too many",
-            Self::GeometryChanged => "sensor geometry changed",
+            Self::TooManyMounts => "more mounts of sonars than a robot can have",
+            Self::AnglesInDegrees => "laser angles beyond a turn, read as degrees",
+            Self::AnglesMissing => "laser without field of view and step, beams spread over 180° as in FLASER",
+            Self::StepNotOfView => "step and number of beams don't make the field of view; the step is believed",
+            Self::StepBeyondTurn => "step and number of beams make more than a turn; the field of view is believed",
+            Self::ConeInDegrees => "sonar cone beyond half a turn, read as degrees",
+            Self::ConeMissing => "sonar cone of 0, taken for one of 30°",
+            Self::ConeNegative => "negative sonar cone, its size is used",
+            Self::ConeWide => "sonar cone wider than 90°, used as it stands",
             Self::NotAMessage => "not a message",
             Self::NotUtf8 => "not text",
             Self::LineTooLong => "line too long",

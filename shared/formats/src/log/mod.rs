@@ -29,13 +29,14 @@ pub mod udacity;
 
 use std::path::Path;
 
+pub use carmen::RangeUnit;
 use detect::{Found, detect};
 pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
 pub use fault::{Fault, FaultKind};
 pub(crate) use stamp::parse_stamp_ns;
-pub use survey::{LogSurvey, StampQuality};
+pub use survey::{LogSurvey, StampQuality, SurveyOptions};
 
 /// Reads the log at `path` once and says what is in it.
 ///
@@ -43,8 +44,16 @@ pub use survey::{LogSurvey, StampQuality};
 /// When the file can't be read, is of no known format, or no map can be made of it (no odometry,
 /// no readings). Damage within an otherwise usable log is no error; see [`LogSurvey::faults`].
 pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
+    survey_with(path, SurveyOptions::default())
+}
+
+/// As [`survey`], where the user says what the log does not.
+///
+/// # Errors
+/// As [`survey`].
+pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
     match detect(path)? {
-        Found::Carmen { path } => carmen::survey(detect::open_file(&path)?, &path),
+        Found::Carmen { path } => carmen::survey_with(detect::open_file(&path)?, &path, options),
         Found::Udacity { measurement, poses } => {
             udacity::survey(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses)
         }

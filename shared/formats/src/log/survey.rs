@@ -6,7 +6,7 @@ use std::time::Duration;
 use echogrid_core::Robot;
 use serde::Serialize;
 
-use super::carmen::CarmenPlan;
+use super::carmen::{CarmenPlan, RangeUnit};
 use super::{Fault, LogFormat};
 
 /// What a log's stamps are good for.
@@ -26,6 +26,13 @@ pub enum StampQuality {
     /// Useless: events keep the order of their lines, and stamps are made up: 0.1 s from one
     /// odometry line to the next, a scan at the stamp of the odometry line before it.
     OrderOnly,
+}
+
+/// What a user says of a log where the log does not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SurveyOptions {
+    /// In which unit its ranges are; none: told by the ranges themselves.
+    pub range_unit: Option<RangeUnit>,
 }
 
 /// What is in a log, learnt by reading it once.
@@ -57,6 +64,8 @@ pub struct LogSurvey {
     pub skipped: BTreeMap<String, u64>,
     /// Damage, by kind.
     pub faults: Vec<Fault>,
+    /// What is odd about its sensors, and what was made of it, in words.
+    pub remarks: Vec<String>,
     /// SHA-256 of the bytes as they are stored (compressed, if they are), hexadecimal; of a pair of
     /// files one after the other (`measurement.txt`, then `poses.txt`).
     pub sha256: String,

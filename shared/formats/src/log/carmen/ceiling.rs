@@ -64,6 +64,20 @@ impl RangeTally {
         }
     }
 
+    /// The same ranges, each so many times as long.
+    pub(crate) fn scaled(&self, by: f64) -> Self {
+        let mut top = BTreeMap::new();
+        for (bits, count) in &self.top {
+            *top.entry((f64::from_bits(*bits) * by).to_bits()).or_insert(0) += count;
+        }
+        Self { top }
+    }
+
+    /// From which range on nothing comes back, if that stands out.
+    pub(crate) fn no_echo_from(&self) -> Option<f64> {
+        self.standing_out().map(|(value, _)| value)
+    }
+
     /// The largest value that stands out, or the floor of its family of codes, and its number.
     fn standing_out(&self) -> Option<(f64, u64)> {
         let mut above = 0;

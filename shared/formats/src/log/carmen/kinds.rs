@@ -2,10 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use echogrid_core::robot::SENSORS_MAX;
 use echogrid_core::{Footprint, Pose2, Robot, Sensor, SensorKind};
 
 use super::ceiling::RangeTally;
+use super::fans::{self, FanNumbers, Fans};
 use super::message::{Carried, ScanKind, ScanLine, Shape};
+use super::rings::Rings;
+use super::units::{RangeUnit, Seen, UnitTally};
 
 /// Readings nearer than this are the robot itself or a fault, metres.
 const LIDAR_MIN_M: f64 = 0.02;
@@ -13,53 +17,31 @@ const LIDAR_MIN_M: f64 = 0.02;
 const SONAR_MIN_M: f64 = 0.1;
 const LIDAR_ERROR_RATIO: f64 = 0.002;
 const SONAR_ERROR_RATIO: f64 = 0.01;
-/// Aperture of a lidar of one beam, whose step says nothing: 1°.
-const LONE_BEAM_RAD: f64 = core::f64::consts::PI / 180.0;
-/// Mount poses and bearings further apart than this are not the same sensor's.
-const SAME_GEOMETRY: f64 = 2e-3;
 /// A mount pose is taken from the poses in the messages if they agree to this, metres and radians.
 const SAME_MOUNT: f64 = 0.01;
 /// A sensor sits no farther than this from the robot's base, metres.
 const MOUNT_MAX_M: f64 = 3.0;
+/// No range sensor of a robot sees farther: a larger maximum says nothing, metres.
+const STATED_MAX_M: f64 = 1000.0;
 
-/// The geometry of a sensor: what every line of its kind must have.
-#[derive(Debug, Clone)]
-pub(crate) struct Geometry {
-    shape: Shape,
-    /// Readings in a line.
-    pub(crate) readings: usize,
-}
-
-impl Geometry {
-    /// Whether a line has this geometry.
-    pub(crate) fn fits(&self, scan: &ScanLine) -> bool {
-        if self.readings != scan.ranges.len() {
-            return false;
-        }
-        match (&self.shape, &scan.shape) {
-            (
-                Shape::Fan { first_bearing_rad: a, bearing_step_rad: step_a, .. },
-                Shape::Fan { first_bearing_rad: b, bearing_step_rad: step_b, .. },
-            ) => (a - b).abs() < SAME_GEOMETRY && ((step_a - step_b) * self.readings as f64).abs() < SAME_GEOMETRY,
-            (
-                Shape::Ring { aperture_rad: a, base_from_sonar: mounts_a },
-                Shape::Ring { aperture_rad: b, base_from_sonar: mounts_b },
-            ) => {
-                (a - b).abs() < SAME_GEOMETRY && mounts_a.iter().zip(mounts_b).all(|(a, b)| near(*a, *b, SAME_GEOMETRY))
-            }
-            _ => false,
-        }
-    }
+/// How the readings of all lines of a kind lie.
+#[derive(Debug)]
+enum Layout {
+    Fans(Fans),
+    Rings(Rings),
 }
 
 /// One kind of scan message, as the survey comes to know it.
 #[derive(Debug)]
 pub(crate) struct KindRecord {
-    pub(crate) geometry: Geometry,
+    layout: Layout,
     pub(crate) lines: u64,
     /// Place among the lines of the file.
     first_line: u64,
+    /// The maximum that the first line states.
+    stated_max: Option<f64>,
     tally: RangeTally,
+    units: UnitTally,
     mount: Mount,
 }
 
@@ -73,20 +55,47 @@ enum Mount {
 
 impl KindRecord {
     pub(crate) fn new(scan: &ScanLine, line: u64) -> Self {
+        let (layout, stated_max) = match &scan.shape {
+            Shape::Fan { range_max_m, .. } => (Layout::Fans(Fans::default()), *range_max_m),
+            Shape::Ring { .. } => (Layout::Rings(Rings::default()), None),
+        };
         Self {
-            geometry: Geometry { shape: scan.shape.clone(), readings: scan.ranges.len() },
+            layout,
             lines: 0,
             first_line: line,
+            stated_max,
             tally: RangeTally::default(),
+            units: UnitTally::default(),
             mount: Mount::Unsaid,
         }
     }
 
-    /// Takes note of a line of this kind. Its geometry has been checked.
-    pub(crate) fn add(&mut self, scan: &ScanLine) {
+    /// Takes note of a line of this kind, unless its sonars are too many. `odom_from_base`: where the robot was, if that is known.
+    pub(crate) fn add(&mut self, scan: &ScanLine, odom_from_base: Option<Pose2>) -> bool {
+        match (&mut self.layout, &scan.shape) {
+            (Layout::Fans(fans), Shape::Fan { first_bearing_rad, bearing_step_rad, .. }) => {
+                fans.add(*first_bearing_rad, *bearing_step_rad, scan.ranges.len());
+                if let Some(odom_from_base) = odom_from_base {
+                    let seen = || Seen {
+                        odom_from_base,
+                        first_bearing_rad: *first_bearing_rad,
+                        bearing_step_rad: *bearing_step_rad,
+                        ranges: scan.ranges.clone(),
+                    };
+                    self.units.compare(seen, &scan.ranges, odom_from_base);
+                }
+            }
+            (Layout::Rings(rings), Shape::Ring { aperture_rad, base_from_sonar }) => {
+                if !rings.add(*aperture_rad, base_from_sonar) {
+                    return false;
+                }
+            }
+            _ => return false,
+        }
         self.lines += 1;
         for range in scan.ranges.iter().filter(|range| super::is_sane(**range) && **range > 0.0) {
             self.tally.add(*range);
+            self.units.add(*range);
         }
         if let Some(Carried { odom_from_base, odom_from_sensor: Some(odom_from_sensor), .. }) = scan.carried {
             let base_from_sensor = odom_from_base.inverse() * odom_from_sensor;
@@ -96,14 +105,40 @@ impl KindRecord {
                 Mount::Agreed(_) | Mount::Contradictory => Mount::Contradictory,
             };
         }
+        true
+    }
+
+    /// Readings in all lines.
+    pub(crate) fn readings(&self) -> u64 {
+        match &self.layout {
+            Layout::Fans(fans) => fans.readings(),
+            Layout::Rings(rings) => rings.readings,
+        }
+    }
+
+    /// Readings in the largest line.
+    pub(crate) fn most_readings(&self) -> usize {
+        match &self.layout {
+            Layout::Fans(fans) => fans.most_beams(),
+            Layout::Rings(rings) => rings.most,
+        }
+    }
+
+    /// Sensors and transducers of the robot that it needs.
+    fn needs(&self) -> (usize, usize) {
+        match &self.layout {
+            Layout::Fans(fans) => fans.needs(),
+            Layout::Rings(rings) => (rings.sonars.len(), rings.sonars.len()),
+        }
     }
 }
 
 /// A kind of scan message that is used.
 #[derive(Debug, Clone)]
 pub(crate) struct UsedKind {
-    /// The transducer of its first reading.
-    pub(crate) first_transducer: u16,
+    numbers: Numbers,
+    /// One unit of the log's ranges, metres.
+    pub(crate) unit_m: f64,
     pub(crate) range_min_m: f64,
     /// Readings from here on are no echo.
     pub(crate) ceiling_m: f64,
@@ -111,14 +146,53 @@ pub(crate) struct UsedKind {
     pub(crate) offsets_ns: Vec<i32>,
 }
 
+/// Which transducers the readings of a line are.
+#[derive(Debug, Clone)]
+enum Numbers {
+    Fans(FanNumbers),
+    /// With the first transducer.
+    Rings(Rings, u16),
+}
+
+impl UsedKind {
+    /// The transducer of each reading; none for a line that the survey refused.
+    pub(crate) fn transducers(&self, scan: &ScanLine) -> Option<Vec<u16>> {
+        match (&self.numbers, &scan.shape) {
+            (Numbers::Fans(fans), Shape::Fan { first_bearing_rad, bearing_step_rad, .. }) => {
+                fans.of(*first_bearing_rad, *bearing_step_rad, scan.ranges.len())
+            }
+            (Numbers::Rings(rings, first), Shape::Ring { aperture_rad, base_from_sonar }) => {
+                let numbers = rings.numbers(*aperture_rad, base_from_sonar)?;
+                Some(numbers.into_iter().map(|number| first + number).collect())
+            }
+            _ => None,
+        }
+    }
+}
+
 /// How the lines of a log become events.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CarmenPlan {
-    /// Of every kind, used or not.
-    pub(crate) geometries: BTreeMap<ScanKind, Geometry>,
     pub(crate) used: BTreeMap<ScanKind, UsedKind>,
     /// The scan messages whose pose is the odometry; none if there are `ODOM` lines.
     pub(crate) odometry_from: Option<ScanKind>,
+}
+
+/// The robot, how its readings are numbered, and what is odd about its sensors.
+pub(crate) struct Sensors {
+    pub(crate) robot: Robot,
+    pub(crate) used: BTreeMap<ScanKind, UsedKind>,
+    pub(crate) remarks: Vec<String>,
+}
+
+/// Why the sensors of a log can't be used.
+pub(crate) enum Unusable {
+    /// So many transducers.
+    Transducers(u64),
+    /// So many sensors.
+    Sensors(u64),
+    /// Ranges of this message, from this line on, whose unit can't be told: what was found.
+    Unit(ScanKind, u64, String),
 }
 
 fn near(a: Pose2, b: Pose2, tolerance: f64) -> bool {
@@ -148,101 +222,212 @@ pub(crate) fn kinds_in_use(records: &BTreeMap<ScanKind, KindRecord>) -> Vec<Scan
     kinds
 }
 
-/// The robot, and how its readings are numbered; an error is the number of transducers that is too many.
+/// The robot, and how its readings are numbered. `unit`: of the ranges, where the user says it.
 pub(crate) fn robot_and_plan(
     records: &BTreeMap<ScanKind, KindRecord>,
     kinds: &[ScanKind],
     params: &BTreeMap<String, String>,
-) -> Result<(Robot, BTreeMap<ScanKind, UsedKind>), u64> {
+    unit: Option<RangeUnit>,
+) -> Result<Sensors, Unusable> {
     let number = |name: &str| -> Option<f64> { params.get(name)?.split_ascii_whitespace().next()?.parse().ok() };
     let length = |name: &str| number(name).filter(|metres| (0.0..100.0).contains(metres)).unwrap_or(0.0);
-    let mut robot = Robot {
+    let robot = Robot {
         name: "robot of a CARMEN log".into(),
         footprint: Footprint { length_m: length("robot_length"), width_m: length("robot_width") },
         sensors: Vec::new(),
     };
-    let total: u64 = kinds.iter().filter_map(|kind| records.get(kind)).map(|r| r.geometry.readings as u64).sum();
-    let mut used = BTreeMap::new();
+    let circles = circles(records, kinds)?;
+    let mut sensors = Sensors { robot, used: BTreeMap::new(), remarks: Vec::new() };
     let mut next = 0_usize;
     for kind in kinds {
         let Some(record) = records.get(kind) else { continue };
-        let first_transducer = u16::try_from(next).map_err(|_| total)?;
-        next += record.geometry.readings;
-        u16::try_from(next).map_err(|_| total)?;
-        let stated = match &record.geometry.shape {
-            Shape::Fan { range_max_m: Some(max), .. } => Some(*max),
-            _ => number(match kind {
-                ScanKind::Front => "robot_front_laser_max",
-                ScanKind::Rear => "robot_rear_laser_max",
-                _ => super::SONAR_MAX_PARAM,
-            }),
+        let limits = limits(*kind, record, unit, &number, &mut sensors.remarks)?;
+        let (numbers, mut of_kind) = numbered(*kind, record, circles.get(kind).copied(), &mut next, &number)
+            .ok_or(Unusable::Transducers(next as u64))?;
+        let (min_m, error_ratio) = match kind {
+            ScanKind::Sonar => (SONAR_MIN_M, SONAR_ERROR_RATIO),
+            _ => (LIDAR_MIN_M, LIDAR_ERROR_RATIO),
         };
-        let (range_max_m, ceiling_m) = match (kind, stated) {
-            // A log written by echogrid: its sonars hear up to the maximum, and that too.
-            (ScanKind::Sonar, Some(max)) if max.is_finite() && max > 0.0 => (max, max.next_up()),
-            _ => {
-                let ceiling_m = record.tally.ceiling_m(stated);
-                (ceiling_m, ceiling_m)
-            }
+        let range_min_m = min_m.min(limits.range_max_m / 2.0);
+        for sensor in &mut of_kind {
+            (sensor.range_min_m, sensor.range_max_m) = (range_min_m, limits.range_max_m);
+            sensor.range_error_ratio = error_ratio;
+        }
+        let remarks = match &record.layout {
+            Layout::Fans(fans) => fans.remarks(circles.get(kind).copied()),
+            Layout::Rings(rings) => Vec::from_iter(rings.remark()),
         };
-        let range_min_m = sensors(&mut robot.sensors, *kind, record, first_transducer, range_max_m, &number);
+        sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{}: {remark}", kind.name())));
+        sensors.remarks.extend(turned(*kind, of_kind.first()));
+        sensors.robot.sensors.append(&mut of_kind);
         let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
         let offsets_ns = offsets.and_then(|all| all.split(',').map(|one| one.trim().parse().ok()).collect());
         let offsets_ns = offsets_ns.unwrap_or_default();
-        used.insert(*kind, UsedKind { first_transducer, range_min_m, ceiling_m, offsets_ns });
+        let Limits { unit_m, ceiling_m, .. } = limits;
+        sensors.used.insert(*kind, UsedKind { numbers, unit_m, range_min_m, ceiling_m, offsets_ns });
     }
-    Ok((robot, used))
+    Ok(sensors)
 }
 
-/// Adds the sensors of one kind of message; their nearest range.
-fn sensors(
-    sensors: &mut Vec<Sensor>,
-    kind: ScanKind,
-    record: &KindRecord,
-    first_transducer: u16,
-    range_max_m: f64,
-    number: &dyn Fn(&str) -> Option<f64>,
-) -> f64 {
-    match &record.geometry.shape {
-        Shape::Fan { first_bearing_rad, bearing_step_rad, .. } => {
-            let aperture_rad = if *bearing_step_rad == 0.0 { LONE_BEAM_RAD } else { bearing_step_rad.abs() };
-            let range_min_m = LIDAR_MIN_M.min(range_max_m / 2.0);
-            sensors.push(Sensor {
-                kind: SensorKind::Lidar,
-                base_from_sensor: laser_mount(kind, record.mount, number),
-                first_transducer,
-                // Checked by the caller: all transducers together can be numbered.
-                transducers: u16::try_from(record.geometry.readings).unwrap_or(u16::MAX),
-                first_bearing_rad: *first_bearing_rad,
-                bearing_step_rad: *bearing_step_rad,
-                aperture_rad,
-                range_min_m,
-                range_max_m,
-                range_error_ratio: LIDAR_ERROR_RATIO,
-            });
-            range_min_m
+/// Bearings around for the lidars whose bearings must be rounded: those whose beams lie in too many ways, and, where the robot
+/// would have too many sensors, those that need most of them.
+fn circles(
+    records: &BTreeMap<ScanKind, KindRecord>,
+    kinds: &[ScanKind],
+) -> Result<BTreeMap<ScanKind, usize>, Unusable> {
+    let mut own: BTreeMap<ScanKind, (usize, usize)> = BTreeMap::new();
+    let mut rounded: BTreeMap<ScanKind, usize> = BTreeMap::new();
+    for kind in kinds {
+        let Some(record) = records.get(kind) else { continue };
+        match &record.layout {
+            Layout::Fans(fans) if fans.must_be_rounded() => rounded.insert(*kind, fans.classes()),
+            _ => {
+                own.insert(*kind, record.needs());
+                None
+            }
+        };
+    }
+    loop {
+        let (sensors, transducers) = own.values().fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+        let circles: usize = rounded.values().sum();
+        let left = usize::from(u16::MAX).saturating_sub(transducers);
+        let bearings = fans::circle(left, circles);
+        let fits = sensors + circles <= SENSORS_MAX && transducers <= usize::from(u16::MAX);
+        if let (true, Some(bearings)) = (fits, bearings.or((circles == 0).then_some(0))) {
+            return Ok(rounded.into_keys().map(|kind| (kind, bearings)).collect());
         }
-        Shape::Ring { aperture_rad, base_from_sonar } => {
-            let range_min_m = SONAR_MIN_M.min(range_max_m / 2.0);
-            sensors.extend(base_from_sonar.iter().zip(first_transducer..).map(|(mount, first_transducer)| Sensor {
-                kind: SensorKind::Sonar,
-                base_from_sensor: *mount,
-                first_transducer,
-                transducers: 1,
-                first_bearing_rad: 0.0,
-                bearing_step_rad: 0.0,
-                aperture_rad: aperture_rad.abs(),
-                range_min_m,
-                range_max_m,
-                range_error_ratio: SONAR_ERROR_RATIO,
-            }));
-            range_min_m
+        let is_lidar = |kind: &ScanKind| *kind != ScanKind::Sonar;
+        let most = own.iter().filter(|(kind, needs)| is_lidar(kind) && needs.0 > 1).max_by_key(|(_, needs)| **needs);
+        let Some(kind) = most.map(|(kind, _)| *kind) else {
+            return Err(match fits || sensors + circles <= SENSORS_MAX {
+                true => Unusable::Transducers((transducers + circles) as u64),
+                false => Unusable::Sensors((sensors + circles) as u64),
+            });
+        };
+        own.remove(&kind);
+        if let Some(Layout::Fans(fans)) = records.get(&kind).map(|record| &record.layout) {
+            rounded.insert(kind, fans.classes());
         }
     }
+}
+
+/// Unit and limits of the ranges of a kind.
+struct Limits {
+    unit_m: f64,
+    range_max_m: f64,
+    ceiling_m: f64,
+}
+
+fn limits(
+    kind: ScanKind,
+    record: &KindRecord,
+    forced: Option<RangeUnit>,
+    number: &dyn Fn(&str) -> Option<f64>,
+    remarks: &mut Vec<String>,
+) -> Result<Limits, Unusable> {
+    let stated = record.stated_max.or_else(|| {
+        number(match kind {
+            ScanKind::Front => "robot_front_laser_max",
+            ScanKind::Rear => "robot_rear_laser_max",
+            _ => super::SONAR_MAX_PARAM,
+        })
+    });
+    let stated = stated.filter(|max| max.is_finite() && *max > 0.0);
+    // A log written by echogrid: its sonars hear up to the maximum, and that too.
+    if let (ScanKind::Sonar, Some(max)) = (kind, stated) {
+        return Ok(Limits { unit_m: 1.0, range_max_m: max, ceiling_m: max.next_up() });
+    }
+    let name = kind.name();
+    let usual = stated.filter(|max| *max <= STATED_MAX_M);
+    let told = record.units.unit(kind == ScanKind::Sonar, record.tally.no_echo_from(), usual);
+    let unit = match (forced, told) {
+        (Some(unit), _) => unit,
+        (None, Ok((unit, why))) => {
+            remarks.extend(why.map(|why| {
+                let set = "replay.range_unit says otherwise";
+                format!("{name}: ranges are read as {}: {why} ({set})", unit.name())
+            }));
+            unit
+        }
+        (None, Err(found)) => return Err(Unusable::Unit(kind, record.first_line, found)),
+    };
+    let unit_m = unit.metres();
+    // A maximum that is none in metres may be one in the unit of the ranges.
+    let in_unit = stated.map(|max| if max <= STATED_MAX_M { max } else { max * unit_m });
+    let stated_m = in_unit.filter(|max| *max <= STATED_MAX_M);
+    if let (Some(stated), None) = (stated, stated_m) {
+        let line = record.stated_max.map_or(String::new(), |_| format!(" (line {})", record.first_line));
+        remarks.push(format!("{name}: a maximum range of {stated} m{line} is no sensor's and taken for none"));
+    }
+    let ceiling_m = record.tally.scaled(unit_m).ceiling_m(stated_m);
+    Ok(Limits { unit_m, range_max_m: ceiling_m, ceiling_m })
+}
+
+/// The sensors of one kind of message (their ranges are still to be told), and how its readings are numbered from `next` on; none
+/// where there are no more numbers.
+fn numbered(
+    kind: ScanKind,
+    record: &KindRecord,
+    circle: Option<usize>,
+    next: &mut usize,
+    number: &dyn Fn(&str) -> Option<f64>,
+) -> Option<(Numbers, Vec<Sensor>)> {
+    let sensor = |sensor_kind, base_from_sensor, first_transducer, aperture_rad| Sensor {
+        kind: sensor_kind,
+        base_from_sensor,
+        first_transducer,
+        transducers: 1,
+        first_bearing_rad: 0.0,
+        bearing_step_rad: 0.0,
+        aperture_rad,
+        range_min_m: 0.0,
+        range_max_m: 0.0,
+        range_error_ratio: 0.0,
+    };
+    match &record.layout {
+        Layout::Fans(fans) => {
+            let mount = laser_mount(kind, record.mount, number);
+            let (numbers, beams) = FanNumbers::new(fans, circle, next)?;
+            let lidar = |beams: fans::SensorBeams| Sensor {
+                transducers: beams.transducers,
+                first_bearing_rad: beams.first_bearing_rad,
+                bearing_step_rad: beams.bearing_step_rad,
+                ..sensor(SensorKind::Lidar, mount, beams.first_transducer, beams.aperture_rad)
+            };
+            Some((Numbers::Fans(numbers), beams.into_iter().map(lidar).collect()))
+        }
+        Layout::Rings(rings) => {
+            let first = u16::try_from(*next).ok()?;
+            *next += rings.sonars.len();
+            u16::try_from(*next).ok()?;
+            let sonar = |(at, sonar): (u16, &super::rings::Sonar)| {
+                sensor(SensorKind::Sonar, sonar.base_from_sonar, at, sonar.aperture_rad)
+            };
+            Some((Numbers::Rings(rings.clone(), first), (first..).zip(&rings.sonars).map(sonar).collect()))
+        }
+    }
+}
+
+/// A laser of `FLASER` or `RLASER` that does not look where these do, in words.
+fn turned(kind: ScanKind, sensor: Option<&Sensor>) -> Option<String> {
+    let usual = match kind {
+        ScanKind::Front => 0.0,
+        ScanKind::Rear => core::f64::consts::PI,
+        _ => return None,
+    };
+    let heading = sensor?.base_from_sensor.theta;
+    let is_turned = echogrid_core::wrap_angle(heading - usual).abs() > SAME_MOUNT;
+    // Half a turn has no sense of rotation.
+    let degrees = if heading.abs() > core::f64::consts::PI - SAME_MOUNT { 180.0 } else { heading.to_degrees() };
+    is_turned.then(|| {
+        let off = format!("the laser's heading is {degrees:.1}° from the robot's in every line");
+        format!("{}: {off}: it is mapped as turned by that", kind.name())
+    })
 }
 
 /// Where a laser sits: the log's parameter says it, else the laser and robot poses of the
-/// messages if they agree, else it sits on the base. A rear laser looks backwards.
+/// messages if they agree, else it sits on the base. A rear laser looks backwards, unless its heading is turned against the robot's
+/// in every line; so does a front laser then.
 fn laser_mount(kind: ScanKind, mount: Mount, number: &dyn Fn(&str) -> Option<f64>) -> Pose2 {
     let (param, facing) = match kind {
         ScanKind::Front | ScanKind::Robot(1) | ScanKind::Raw(1) => (Some("robot_frontlaser_offset"), 0.0),
@@ -259,10 +444,11 @@ fn laser_mount(kind: ScanKind, mount: Mount, number: &dyn Fn(&str) -> Option<f64
         }
         _ => None,
     };
+    // The heading in FLASER and RLASER lines is the robot's, unless it is said to be another.
+    let facing = seen.map(|pose| pose.theta).filter(|theta| theta.abs() > SAME_MOUNT).unwrap_or(facing);
     match (kind, stated, seen) {
         (ScanKind::Robot(_), _, Some(pose)) => pose,
         (_, Some(offset), _) => Pose2::new(offset, 0.0, facing),
-        // Only the position: the heading in FLASER and RLASER lines is the robot's.
         (_, None, Some(pose)) => Pose2::new(pose.x, pose.y, facing),
         (_, None, None) => Pose2::new(0.0, 0.0, facing),
     }

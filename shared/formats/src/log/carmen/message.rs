@@ -6,17 +6,18 @@
 
 use core::str::SplitAsciiWhitespace;
 
-use echogrid_core::Pose2;
+use echogrid_core::{POSITION_MAX_M, Pose2};
 
+use super::angles::{self, Beams, plain_fan};
 use crate::log::fault::{FaultKind, Refusal};
 use crate::log::stamp::parse_stamp_ns;
 
-/// Beyond this a coordinate is no place a robot has been, metres.
-const POSITION_MAX_M: f64 = 1e6;
 /// Beyond this a heading is garbage, radians (logs hold unwrapped headings).
 const HEADING_MAX_RAD: f64 = 1e6;
 /// Beyond this a velocity is garbage, m/s or rad/s.
 const VELOCITY_MAX: f64 = 1e3;
+/// Beyond this a number is no angle, in radians or degrees.
+const ANGLE_MAX: f64 = 1e4;
 /// Readings that one line may hold: as many as transducers can be numbered.
 const READINGS_MAX: usize = 65_535;
 
@@ -92,6 +93,8 @@ pub(crate) struct ScanLine {
     pub(crate) ranges: Vec<f64>,
     pub(crate) carried: Option<Carried>,
     pub(crate) stamp_ns: Option<u64>,
+    /// What is odd about how it describes the sensor, though it is usable.
+    pub(crate) oddities: Vec<Refusal>,
 }
 
 /// What a line says. A stamp that is unusable is none.
@@ -203,19 +206,8 @@ fn laser(kind: ScanKind, mut words: Words<'_>) -> Result<Message<'static>, Refus
         ranges,
         carried: Some(Carried { odom_from_base, odom_from_sensor: Some(odom_from_sensor), v_mps: 0.0, w_radps: 0.0 }),
         stamp_ns,
+        oddities: Vec::new(),
     }))
-}
-
-/// First bearing and step of `FLASER` and `RLASER`, which don't say them: from −90° on, 1° for
-/// 180 or 181 beams, ½° for 360 or 361, any other number spread over 180°.
-pub(crate) fn plain_fan(count: usize) -> (f64, f64) {
-    let step_deg = match count {
-        180 | 181 => 1.0,
-        360 | 361 => 0.5,
-        0 | 1 => return (0.0, 0.0),
-        _ => 180.0 / (count - 1) as f64,
-    };
-    (-core::f64::consts::FRAC_PI_2, f64::to_radians(step_deg))
 }
 
 /// `RAWLASERk laser_type start_angle fov resolution max_range accuracy remission_mode n r1..rn m
@@ -223,8 +215,8 @@ pub(crate) fn plain_fan(count: usize) -> (f64, f64) {
 /// forward_safety_dist side_safety_dist turn_axis`.
 fn described_laser(kind: ScanKind, mut words: Words<'_>) -> Result<Message<'static>, Refusal> {
     words.number()?;
-    let (start, field_of_view) = (words.angle()?, words.angle()?);
-    let (resolution, range_max_m) = (words.angle()?, words.number()?);
+    let (start, view, step) = (words.angle()?, words.angle()?, words.angle()?);
+    let range_max_m = words.number()?;
     words.number()?;
     words.number()?;
     let count = words.count()?;
@@ -244,23 +236,24 @@ fn described_laser(kind: ScanKind, mut words: Words<'_>) -> Result<Message<'stat
         None
     };
     let stamp_ns = words.trailer()?;
-    let bearing_step_rad = if resolution > 0.0 || count < 2 { resolution } else { field_of_view / (count - 1) as f64 };
+    let Beams { first_bearing_rad, bearing_step_rad, oddities } = Beams::stated(start, view, step, count)?;
     Ok(Message::Scan(ScanLine {
         kind,
         shape: Shape::Fan {
-            first_bearing_rad: start,
+            first_bearing_rad,
             bearing_step_rad,
             range_max_m: Some(range_max_m).filter(|max| max.is_finite() && *max > 0.0),
         },
         ranges,
         carried,
         stamp_ns,
+        oddities,
     }))
 }
 
 /// `SONAR cone_angle n r1..rn x1 y1 theta1 .. xn yn thetan [robot_x robot_y robot_theta]`
 fn sonar(mut words: Words<'_>) -> Result<Message<'static>, Refusal> {
-    let aperture_rad = words.angle()?;
+    let (aperture_rad, oddities) = angles::cone(words.angle()?)?;
     let count = words.count()?;
     let ranges = words.ranges(count)?;
     let base_from_sonar = (0..count).map(|_| words.pose()).collect::<Result<Vec<_>, _>>()?;
@@ -278,6 +271,7 @@ fn sonar(mut words: Words<'_>) -> Result<Message<'static>, Refusal> {
         ranges,
         carried,
         stamp_ns,
+        oddities,
     }))
 }
 
@@ -316,9 +310,9 @@ impl<'a> Words<'a> {
         self.bounded(VELOCITY_MAX, FaultKind::AbsurdVelocity)
     }
 
-    /// An angle of a sensor's geometry: within a turn, and a little.
+    /// An angle of a sensor's geometry; what it means is told by [`angles`].
     fn angle(&mut self) -> Result<f64, Refusal> {
-        self.bounded(6.5, FaultKind::AbsurdPose)
+        self.bounded(ANGLE_MAX, FaultKind::AbsurdPose)
     }
 
     fn count(&mut self) -> Result<usize, Refusal> {
@@ -384,7 +378,7 @@ mod tests {
     fn faults_are_told_apart() {
         assert_eq!(fault("ODOM 1 2 x 0 0 0 1 h 1"), FaultKind::BadNumber);
         assert_eq!(fault("ODOM 1 nan 0 0 0 0 1 h 1"), FaultKind::NotFinite);
-        assert_eq!(fault("ODOM 1e7 0 0 0 0 0 1 h 1"), FaultKind::AbsurdPose);
+        assert_eq!(fault("ODOM 1e8 0 0 0 0 0 1 h 1"), FaultKind::AbsurdPose);
         assert_eq!(fault("ODOM 1 0 0 1e9 0 0 1 h 1"), FaultKind::AbsurdVelocity);
         assert_eq!(fault("ODOM 1 2 3 0 0 0 1 h"), FaultKind::Truncated);
         assert_eq!(fault("ODOM 1 2 3 0 0 0 1 h 1 1"), FaultKind::ExtraWords);

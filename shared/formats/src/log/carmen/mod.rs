@@ -10,19 +10,24 @@
 //!
 //! The time of a message is its `ipc_timestamp`, the third word from the end.
 
+mod angles;
 mod ceiling;
+mod fans;
 mod kinds;
 mod message;
 mod read;
 mod record;
+mod rings;
 mod survey;
+mod units;
 mod write;
 
 pub(crate) use kinds::CarmenPlan;
 pub(crate) use message::is_message_name;
 pub use read::read;
 pub use record::LogFile;
-pub use survey::survey;
+pub use survey::{survey, survey_with};
+pub use units::RangeUnit;
 pub(crate) use write::CarmenWriter;
 
 /// Ranges beyond this are garbage, metres.

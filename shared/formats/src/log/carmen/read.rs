@@ -88,9 +88,12 @@ fn timed_line(message: Message<'_>, plan: &CarmenPlan) -> Option<TimedLine> {
 }
 
 fn timed_scan(scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine> {
-    if !plan.geometries.get(&scan.kind)?.fits(scan) {
-        return None;
-    }
+    let used = plan.used.get(&scan.kind).map(|used| Some((used, used.transducers(scan)?)));
+    // Of the kinds that are used, the lines that the survey used.
+    let used = match used {
+        Some(used) => Some(used?),
+        None => None,
+    };
     let mut line =
         TimedLine { stamp_ns: scan.stamp_ns, rank: Rank::Scan, weight: scan.ranges.len(), events: Vec::new() };
     if let (Some(carried), true) = (scan.carried, plan.odometry_from == Some(scan.kind)) {
@@ -102,29 +105,30 @@ fn timed_scan(scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine> {
             w_radps: carried.w_radps,
         });
     }
-    if let Some(used) = plan.used.get(&scan.kind) {
-        line.events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used) });
+    if let Some((used, transducers)) = used {
+        line.events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used, &transducers) });
     }
     Some(line)
 }
 
-fn readings(ranges: &[f64], used: &UsedKind) -> Vec<Reading> {
+fn readings(ranges: &[f64], used: &UsedKind, transducers: &[u16]) -> Vec<Reading> {
     ranges
         .iter()
-        .zip(used.first_transducer..)
+        .zip(transducers)
         .enumerate()
-        .map(|(index, (range_m, transducer))| Reading {
-            transducer,
-            echo: echo(*range_m, used.range_min_m, used.ceiling_m),
+        .map(|(index, (range, transducer))| Reading {
+            transducer: *transducer,
+            echo: echo(*range, used),
             offset_ns: used.offsets_ns.get(index).copied().unwrap_or(0),
         })
         .collect()
 }
 
-fn echo(range_m: f64, range_min_m: f64, ceiling_m: f64) -> Echo {
-    if !super::is_sane(range_m) || range_m < range_min_m {
+fn echo(range: f64, used: &UsedKind) -> Echo {
+    let range_m = range * used.unit_m;
+    if !super::is_sane(range) || range_m < used.range_min_m {
         Echo::Invalid
-    } else if range_m >= ceiling_m {
+    } else if range_m >= used.ceiling_m {
         Echo::NoEcho
     } else {
         Echo::Hit { range_m }

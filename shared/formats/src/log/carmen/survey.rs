@@ -5,15 +5,16 @@ use std::io::Read;
 use std::path::Path;
 
 use echogrid_core::Pose2;
+use echogrid_core::robot::SENSORS_MAX;
 
-use super::kinds::{CarmenPlan, KindRecord, kinds_in_use, robot_and_plan};
+use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
 use super::message::{Message, ScanKind, ScanLine, parse};
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::lines::{Line, Lines};
 use crate::log::source::hex;
 use crate::log::tally::{EventTally, Summary};
 use crate::log::timeline::Rank;
-use crate::log::{LogError, LogFormat, LogSurvey};
+use crate::log::{LogError, LogFormat, LogSurvey, SurveyOptions};
 
 /// Parameters that are kept, and their longest value in bytes.
 const PARAMS_MAX: usize = 4096;
@@ -26,6 +27,14 @@ const NAMES_MAX: usize = 64;
 /// # Errors
 /// When reading fails, or the log holds no odometry or no readings.
 pub fn survey(stored: impl Read, path: &Path) -> Result<LogSurvey, LogError> {
+    survey_with(stored, path, SurveyOptions::default())
+}
+
+/// As [`survey`], where the user says what the log does not.
+///
+/// # Errors
+/// As [`survey`].
+pub fn survey_with(stored: impl Read, path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
     let mut lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
     let mut surveyor = Surveyor {
         faults: FaultCounter::default(),
@@ -33,6 +42,9 @@ pub fn survey(stored: impl Read, path: &Path) -> Result<LogSurvey, LogError> {
         params: BTreeMap::new(),
         kinds: BTreeMap::new(),
         events: EventTally::new(),
+        odom_from_base: None,
+        most_sonars: None,
+        options,
     };
     while let Some(line) = lines.next().map_err(|source| LogError::open(path, source))? {
         surveyor.line(line);
@@ -58,6 +70,11 @@ struct Surveyor {
     params: BTreeMap<String, String>,
     kinds: BTreeMap<ScanKind, KindRecord>,
     events: EventTally<Class>,
+    /// Of the last odometry line.
+    odom_from_base: Option<Pose2>,
+    /// The first line that names more sonars than a robot can have, and how many.
+    most_sonars: Option<(u64, usize)>,
+    options: SurveyOptions,
 }
 
 impl Surveyor {
@@ -75,6 +92,7 @@ impl Surveyor {
     fn message(&mut self, line: u64, message: Message<'_>) {
         match message {
             Message::Odometry { odom_from_base, stamp_ns, .. } => {
+                self.odom_from_base = Some(odom_from_base);
                 self.event(line, Class::Odometry, Some(odom_from_base), stamp_ns, 0);
             }
             Message::TruePose { stamp_ns, .. } => self.event(line, Class::TruePose, None, stamp_ns, 0),
@@ -89,13 +107,17 @@ impl Surveyor {
     }
 
     fn scan(&mut self, line: u64, scan: &ScanLine) {
+        let carried = scan.carried.map(|carried| carried.odom_from_base);
         let record = self.kinds.entry(scan.kind).or_insert_with(|| KindRecord::new(scan, line));
-        if !record.geometry.fits(scan) {
-            let sample = format!("{} of {} readings", scan.kind.name(), scan.ranges.len());
-            self.faults.count(line, Refusal::new(FaultKind::GeometryChanged, sample));
+        if !record.add(scan, carried.or(self.odom_from_base)) {
+            let sonars = scan.ranges.len();
+            if sonars > SENSORS_MAX {
+                self.most_sonars.get_or_insert((line, sonars));
+            }
+            self.faults.count(line, Refusal::new(FaultKind::TooManyMounts, format!("SONAR of {sonars} readings")));
             return;
         }
-        record.add(scan);
+        scan.oddities.iter().for_each(|odd| self.faults.count(line, odd.clone()));
         for (kind, is_faulty) in [
             (FaultKind::RangeNotFinite, (|range| !range.is_finite()) as fn(f64) -> bool),
             (FaultKind::AbsurdRange, |range| range.is_finite() && !super::is_sane(range)),
@@ -106,7 +128,6 @@ impl Surveyor {
                 self.faults.count_many(line, Refusal::new(kind, first.to_string()), count);
             }
         }
-        let carried = scan.carried.map(|carried| carried.odom_from_base);
         self.event(line, Class::Scan(scan.kind), carried, scan.stamp_ns, scan.ranges.len());
     }
 
@@ -141,6 +162,9 @@ impl Surveyor {
         for (kind, record) in self.kinds.iter().filter(|(kind, _)| !kinds.contains(kind)) {
             *skipped.entry(kind.name()).or_insert(0) += record.lines;
         }
+        if let Some((line, count)) = self.most_sonars {
+            return Err(LogError::TooManySonars { path: path.to_path_buf(), line, count });
+        }
         if kinds.is_empty() {
             return Err(no_readings(path, &faults));
         }
@@ -152,36 +176,42 @@ impl Surveyor {
             let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0);
             Some(*most.ok_or_else(|| no_odometry(path, &faults))?)
         };
-        let (robot, used) = robot_and_plan(&self.kinds, &kinds, &self.params)
-            .map_err(|count| LogError::TooManyTransducers { path: path.to_path_buf(), count })?;
+        let Sensors { robot, used, remarks } =
+            robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit)
+                .map_err(|unusable| unusable_sensors(path, unusable))?;
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
         let Summary { stamps, first_stamp_ns, last_stamp_ns, distance_m } =
             self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
-        let readings_per_line = |record: &KindRecord| record.geometry.readings;
         Ok(LogSurvey {
             format: LogFormat::CarmenLog,
             robot,
             odometry_count: self.events.poses(odometry),
             scan_count: used_records().map(|record| record.lines).sum(),
-            reading_count: used_records().map(|record| record.lines * readings_per_line(record) as u64).sum(),
+            reading_count: used_records().map(KindRecord::readings).sum(),
             true_pose_count: self.events.lines(Class::TruePose),
-            max_readings_per_scan: used_records().map(readings_per_line).max().unwrap_or(0),
+            max_readings_per_scan: used_records().map(KindRecord::most_readings).max().unwrap_or(0),
             first_stamp_ns,
             last_stamp_ns,
             distance_m,
             stamps,
             skipped,
             faults,
+            remarks,
             sha256: String::new(),
             params: self.params,
             byte_counts: Vec::new(),
-            plan: CarmenPlan {
-                geometries: self.kinds.into_iter().map(|(kind, record)| (kind, record.geometry)).collect(),
-                used,
-                odometry_from,
-            },
+            plan: CarmenPlan { used, odometry_from },
         })
+    }
+}
+
+fn unusable_sensors(path: &Path, unusable: Unusable) -> LogError {
+    let path = path.to_path_buf();
+    match unusable {
+        Unusable::Transducers(count) => LogError::TooManyTransducers { path, count },
+        Unusable::Sensors(count) => LogError::TooManySensors { path, count },
+        Unusable::Unit(kind, line, found) => LogError::UnknownUnit { path, line, message: kind.name(), found },
     }
 }
 

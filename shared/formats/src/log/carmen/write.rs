@@ -2,15 +2,16 @@
 //!
 //! Every number is written so that reading it gives the same number again, stamps with nine
 //! decimals. A lidar whose beams lie as in `FLASER` becomes `FLASER` (or `RLASER`), any other
-//! `ROBOTLASERk`; all sonars together become `SONAR`. No echo is written as the lidar's maximum, for
+//! `ROBOTLASERk`; lidars at one mount are one lidar whose beams lie otherwise from scan to scan; all sonars together become `SONAR`. No echo is written as the lidar's maximum, for
 //! a sonar as 1 m more (an echo may come from its very maximum), invalid as 0. What is lost: the sensors' nearest ranges, time offsets of
 //! single readings that differ from scan to scan, and scans before the first odometry, which have no pose to be written with.
 
+use core::f64::consts::TAU;
 use std::io::{self, Write};
 
 use echogrid_core::{Echo, Pose2, Reading, Robot, Sensor, SensorKind};
 
-use super::message::plain_fan;
+use super::angles::plain_fan;
 use super::{SONAR_MAX_PARAM, SONAR_OFFSETS_PARAM};
 use crate::log::LogEvent;
 use crate::log::stamp::format_stamp;
@@ -50,14 +51,24 @@ impl<W: Write> CarmenWriter<W> {
     /// As [`Self::new`], for sonars that fire in turn: when each of them does, nanoseconds after the stamp of its scan.
     pub(crate) fn with_offsets(mut out: W, robot: &Robot, offsets_ns: &[i32]) -> io::Result<Self> {
         let mut lidars: Vec<(Sensor, Message)> = Vec::new();
-        for sensor in robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Lidar) {
+        let all: Vec<&Sensor> = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Lidar).collect();
+        for sensor in &all {
+            let at_one_mount = |other: &Sensor| {
+                other.base_from_sensor == sensor.base_from_sensor && other.range_max_m == sensor.range_max_m
+            };
+            if let Some((_, message)) = lidars.iter().find(|(other, _)| at_one_mount(other)) {
+                lidars.push(((*sensor).clone(), *message));
+                continue;
+            }
             let used = |message| lidars.iter().any(|(_, other)| *other == message);
-            let message = match plain_message(sensor) {
+            let plain: Option<Vec<Message>> =
+                all.iter().filter(|other| at_one_mount(other)).map(|other| plain_message(other)).collect();
+            let message = match plain.and_then(|messages| messages.first().copied()) {
                 Some(message) if !used(message) => message,
                 // Numbers from 3 on are of no front or rear laser.
                 _ => Message::Robot(3 + lidars.len()),
             };
-            lidars.push((sensor.clone(), message));
+            lidars.push(((*sensor).clone(), message));
         }
         let sonars: Vec<_> = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar).cloned().collect();
         let mut param = |name: &str, value: f64| writeln!(out, "PARAM {name} {value} {HOST} 0");
@@ -65,7 +76,12 @@ impl<W: Write> CarmenWriter<W> {
             param("robot_length", robot.footprint.length_m)?;
             param("robot_width", robot.footprint.width_m)?;
         }
+        let mut said: Vec<Message> = Vec::new();
         for (sensor, message) in &lidars {
+            if said.contains(message) {
+                continue;
+            }
+            said.push(*message);
             let (offset, max) = match message {
                 Message::Front => ("robot_frontlaser_offset", "robot_front_laser_max"),
                 Message::Rear => ("robot_rearlaser_offset", "robot_rear_laser_max"),
@@ -117,7 +133,7 @@ impl<W: Write> CarmenWriter<W> {
         };
         for at in 0..self.lidars.len() {
             let Some((sensor, message)) = self.lidars.get(at).cloned() else { continue };
-            let Some(ranges) = ranges_of(&sensor, readings, sensor.range_max_m) else { continue };
+            let Some((beams, ranges)) = beams_of(&sensor, readings, message) else { continue };
             let odom_from_sensor = odom_from_base * sensor.base_from_sensor;
             match message {
                 Message::Front | Message::Rear => {
@@ -129,7 +145,7 @@ impl<W: Write> CarmenWriter<W> {
                     self.pose(odom_from_base)?;
                 }
                 Message::Robot(number) => {
-                    let Sensor { first_bearing_rad, bearing_step_rad, range_max_m, .. } = sensor;
+                    let (Beams { first_bearing_rad, bearing_step_rad }, range_max_m) = (beams, sensor.range_max_m);
                     let span = bearing_step_rad * ranges.len().saturating_sub(1) as f64;
                     write!(self.out, "ROBOTLASER{number} 0 {first_bearing_rad} {span} {bearing_step_rad} ")?;
                     write!(self.out, "{range_max_m} 0 0 {}", ranges.len())?;
@@ -195,6 +211,59 @@ fn plain_message(sensor: &Sensor) -> Option<Message> {
     }
 }
 
+/// Where the beams of a line lie.
+#[derive(Debug, Clone, Copy)]
+struct Beams {
+    first_bearing_rad: f64,
+    bearing_step_rad: f64,
+}
+
+/// The beams of one lidar and their ranges; none if it says nothing in this scan. A scan of some beams of a described lidar is
+/// written with these alone, if they are evenly spread but for rounding.
+fn beams_of(sensor: &Sensor, readings: &[Reading], message: Message) -> Option<(Beams, Vec<f64>)> {
+    let Sensor { first_transducer, transducers, first_bearing_rad, bearing_step_rad, range_max_m, .. } = *sensor;
+    let whole = Beams { first_bearing_rad, bearing_step_rad };
+    if matches!(message, Message::Robot(_)) {
+        let beam_of = |reading: &Reading| reading.transducer.checked_sub(first_transducer).filter(|b| *b < transducers);
+        let (beams, ranges): (Vec<u16>, Vec<f64>) =
+            readings.iter().filter_map(|r| Some((beam_of(r)?, written(r.echo, range_max_m)))).unzip();
+        let is_circle = (bearing_step_rad.abs() * f64::from(transducers) - TAU).abs() < SAME;
+        let spread = even_spread(&beams, is_circle.then_some(transducers));
+        if let Some((first, step)) = spread.filter(|_| beams.len() < usize::from(transducers)) {
+            let first_rad = first_bearing_rad + first * bearing_step_rad;
+            let first_bearing_rad = if is_circle { echogrid_core::wrap_angle(first_rad) } else { first_rad };
+            return Some((Beams { first_bearing_rad, bearing_step_rad: step * bearing_step_rad }, ranges));
+        }
+    }
+    ranges_of(sensor, readings, range_max_m).map(|ranges| (whole, ranges))
+}
+
+/// First beam and step, in beams of the sensor, if all lie within one of an even spread. `circle`: so many beams are a turn.
+fn even_spread(beams: &[u16], circle: Option<u16>) -> Option<(f64, f64)> {
+    let first = f64::from(*beams.first()?);
+    let mut unwrapped = vec![first];
+    for (before, beam) in beams.iter().zip(beams.iter().skip(1)) {
+        let mut way = f64::from(*beam) - f64::from(*before);
+        if let Some(turn) = circle.map(f64::from) {
+            way -= turn * (way / turn).round();
+        }
+        unwrapped.push(unwrapped.last()? + way);
+    }
+    let gaps = (unwrapped.len() - 1) as f64;
+    let step = if gaps == 0.0 { 1.0 } else { (unwrapped.last()? - first) / gaps };
+    let is_even = unwrapped.iter().enumerate().all(|(n, beam)| (first + n as f64 * step - beam).abs() <= 1.0);
+    (step != 0.0 && is_even).then_some((first, step))
+}
+
+/// A range as CARMEN writes it.
+fn written(echo: Echo, no_echo_m: f64) -> f64 {
+    match echo {
+        Echo::Hit { range_m } => range_m,
+        Echo::NoEcho => no_echo_m,
+        Echo::Invalid => 0.0,
+    }
+}
+
 /// The ranges of one sensor, as CARMEN writes them; none if it says nothing in this scan.
 fn ranges_of(sensor: &Sensor, readings: &[Reading], no_echo_m: f64) -> Option<Vec<f64>> {
     let mut ranges = vec![0.0; usize::from(sensor.transducers)];
@@ -203,11 +272,7 @@ fn ranges_of(sensor: &Sensor, readings: &[Reading], no_echo_m: f64) -> Option<Ve
         let beam = reading.transducer.checked_sub(sensor.first_transducer).map(usize::from);
         if let Some(range) = beam.and_then(|beam| ranges.get_mut(beam)) {
             any = true;
-            *range = match reading.echo {
-                Echo::Hit { range_m } => range_m,
-                Echo::NoEcho => no_echo_m,
-                Echo::Invalid => 0.0,
-            };
+            *range = written(reading.echo, no_echo_m);
         }
     }
     any.then_some(ranges)

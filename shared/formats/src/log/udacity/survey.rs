@@ -78,6 +78,7 @@ pub fn survey(
         stamps,
         skipped: BTreeMap::new(),
         faults,
+        remarks: Vec::new(),
         sha256: hex(hasher),
         params: BTreeMap::new(),
         byte_counts: vec![measurement_bytes, poses_bytes],
