@@ -37,13 +37,13 @@ impl<R: Read> Lines<R> {
         }
         self.buffer.clear();
         self.number += 1;
-        let is_gzip = self.source.is_gzip();
+        let is_compressed = self.source.is_compressed();
         let (mut too_long, mut any) = (false, false);
         loop {
             let available = match self.source.fill_buf() {
                 Ok(available) => available,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) if is_gzip && is_damage(&error) => {
+                Err(error) if is_compressed && is_damage(&error) => {
                     // A partial line before the damage is lost with it: its numbers may be cut.
                     self.ended = true;
                     return Ok(Some(Line::Damaged(self.number, error.to_string())));

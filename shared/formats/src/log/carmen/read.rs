@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use echogrid_core::{Echo, Reading};
 
 use super::kinds::{CarmenPlan, UsedKind};
-use super::message::{Message, ScanLine, parse};
+use super::message::{Message, ScanLine};
 use crate::log::lines::{Line, Lines};
 use crate::log::timeline::{Rank, TimedLine, Timeline};
 use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
+use crate::text::BYTE_ORDER_MARK;
 
 /// Reads the events of a CARMEN log that has been surveyed. `path` is for errors only.
 ///
@@ -48,10 +49,14 @@ impl<R: Read> Iterator for CarmenReader<R> {
             }
             match self.lines.next() {
                 // What is refused has been counted by the survey.
-                Ok(Some(Line::Bytes(_, bytes))) => {
-                    if let Some(line) = parse(bytes).ok().and_then(|message| timed_line(message, &self.plan)) {
-                        self.timeline.push(line);
-                    }
+                Ok(Some(Line::Bytes(number, bytes))) => {
+                    let bytes = if number == 1 { bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(bytes) } else { bytes };
+                    let (plan, timeline) = (&self.plan, &mut self.timeline);
+                    let _ = plan.dialect.parse(bytes, &mut |message| {
+                        if let Some(line) = timed_line(message, plan) {
+                            timeline.push(line);
+                        }
+                    });
                 }
                 Ok(Some(Line::TooLong(_) | Line::Damaged(..))) => {}
                 Ok(None) => {
