@@ -41,7 +41,7 @@ pub enum Command {
     },
     /// A log in, a map out: replays a recorded drive through the whole graph.
     Map {
-        /// CARMEN log (plain or gzipped), or the measurement file of a Udacity sonar pair.
+        /// CARMEN, Wean Hall or GMapping (.gfs) log or CSV with a header, plain or .gz, .bz2, .zst; or the measurement file of a Udacity sonar pair.
         log: PathBuf,
         /// Settings of the run: a graph file, or as much of one as `echogrid calibrate --out` writes.
         #[arg(long, value_name = "FILE")]

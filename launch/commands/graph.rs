@@ -10,6 +10,7 @@ use echogrid_formats::localization::{Landmarks, ReferencePath, Sightings};
 use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
 use echogrid_formats::map::{MapFiles, Provenance};
+use echogrid_formats::probe_file;
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_publisher::SONARS_FILE;
@@ -18,8 +19,8 @@ use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
 
-use super::folder;
 use super::spool::Spool;
+use super::{doctor, folder};
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
 use crate::limits;
@@ -83,8 +84,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     }
     // The sensor will read log or world as we did, beside the others.
     let ready_within = Duration::from_secs_f64(config.supervision.ready_within_s) + 4 * surveyed.elapsed();
+    doctor::require_addresses(config, survey.as_ref())?;
     probe_record(&config.simulator.record, &config.run.out)?;
-    probe_output(&config.run.out)?;
+    probe_output(config)?;
     let _ours = folder::take(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
@@ -125,9 +127,13 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
             config.run.out.display()
         ));
     }
-    let outcome = supervisor::run(graph, &mut display)?;
+    let outcome = supervisor::run(graph, &mut display);
     drop(display);
-    outcome.check().with_context(|| kept(config, start))?;
+    let ended = outcome.and_then(|outcome| outcome.check().map(|()| outcome).with_context(|| kept(config, start)));
+    let outcome = ended.map_err(|error| match doctor::blame(config, survey.as_ref()) {
+        Some(blame) => error.context(blame),
+        None => error,
+    })?;
     // Before what the run could be resumed from is removed.
     check_saved(config, &outcome, start)?;
     spool.map_or(Ok(()), Spool::remove)?;
@@ -243,11 +249,12 @@ fn check_rereadable(log: &Path) -> Result<()> {
     Ok(())
 }
 
-/// An output directory that can't be written is said now, not after the drive.
-fn probe_output(out: &Path) -> Result<()> {
+/// An output directory that can't be written is said now, not after the drive; and so is a folder where a file would be.
+fn probe_output(config: &Config) -> Result<()> {
+    let out = &config.run.out;
     std::fs::create_dir_all(out).with_context(|| format!("making the output directory {}", out.display()))?;
     tempfile::tempfile_in(out).with_context(|| format!("the output directory {} can't be written", out.display()))?;
-    Ok(())
+    file_names(config).iter().try_for_each(|name| Ok(probe_file(&out.join(name))?))
 }
 
 /// So is a folder for the record that can't be; the output directory `out` may yet have to be made.
@@ -256,6 +263,7 @@ fn probe_record(record: &Path, out: &Path) -> Result<()> {
         tempfile::tempfile_in(folder)
             .with_context(|| format!("simulator.record: {} can't be written there", record.display()))?;
     }
+    ensure!(!record.is_dir(), "simulator.record: {} is a folder; expected a file or nothing", record.display());
     Ok(())
 }
 
@@ -271,12 +279,17 @@ fn source(config: &Config) -> String {
     sensor.map_or_else(|| "sensor".into(), |(name, _)| name.clone())
 }
 
-/// The files that a run wrote which started at `start`; older ones are of another run.
-fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
+/// The files that a run may write.
+fn file_names(config: &Config) -> Vec<String> {
     let mut names = MapFiles::names(&config.publisher.map_files());
     names.extend([SONARS_FILE.to_owned(), READINGS_FILE.to_owned()]);
+    names
+}
+
+/// The files that a run wrote which started at `start`; older ones are of another run.
+fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
     let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
-    names.into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
+    file_names(config).into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }
 
 /// Whatever was mapped must lie on the disk now.

@@ -8,7 +8,7 @@ use echogrid_core::Pose2;
 use echogrid_core::quality::{Quality, TrueCell, Truth};
 use echogrid_formats::log::{self, LogEvent};
 use echogrid_formats::map::{MapDocument, native, picture};
-use echogrid_formats::world;
+use echogrid_formats::{probe_file, world};
 use serde::Serialize;
 
 use super::align::{Align, Alignment};
@@ -59,6 +59,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
 
 /// Judges a map.
 pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
+    request.picture.iter().try_for_each(|file| probe_file(file))?;
     let document = native::read(&request.map)?;
     let world = world::find(&request.world)?;
     let (world, points_left_out) = if request.points { (world, 0) } else { world.walls_only()? };

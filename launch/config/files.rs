@@ -5,6 +5,8 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use echogrid_formats::open_regular;
+
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
@@ -34,15 +36,11 @@ pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Optio
         }
     }
     for (key, file) in config.localizer.files() {
-        match file.metadata() {
-            Ok(metadata) if metadata.is_dir() => {
-                add(format!("localizer.{key}"), file, "a folder, expected a file".to_owned());
-            }
-            Ok(_) => {}
-            Err(error) => add(format!("localizer.{key}"), file, unreadable(&error)),
+        if let Err(error) = open_regular(file) {
+            add(format!("localizer.{key}"), file, unreadable(&error));
         }
     }
-    if config.run.out.is_file() {
+    if config.run.out.exists() && !config.run.out.is_dir() {
         add("run.out".to_owned(), &config.run.out, "a file, expected a folder".to_owned());
     }
     found

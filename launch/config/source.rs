@@ -1,10 +1,11 @@
 //! Where text comes from, and which line of it a value stands on.
 
-use std::fs::File;
 use std::io::{self, Read};
 use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
+
+use echogrid_formats::open_regular;
 
 use super::problem::Origin;
 
@@ -69,6 +70,7 @@ fn without_parents(base: &Path, path: &str) -> Option<PathBuf> {
 /// A file of text, or as much of it as shows that it is too long.
 pub(crate) fn read(path: &Path) -> io::Result<String> {
     let mut text = String::new();
-    File::open(path)?.take(TEXT_BYTES_MAX as u64 + 1).read_to_string(&mut text)?;
-    Ok(text)
+    open_regular(path)?.take(TEXT_BYTES_MAX as u64 + 1).read_to_string(&mut text)?;
+    // Editors of some systems begin a text with a mark of its encoding.
+    Ok(text.strip_prefix('\u{feff}').map(ToOwned::to_owned).unwrap_or(text))
 }

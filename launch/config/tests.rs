@@ -439,7 +439,7 @@ fn a_file_says_where_the_robot_is() {
         ("marks.toml", "localizer.sightings=none", "none\": there is no such file"),
         ("marks.toml", "localizer.measure=ranges", "did you mean \"range\"?"),
         ("marks.toml", "localizer.range_sigma_m=0", "localizer.range_sigma_m = 0: expected metres, from 1e-9"),
-        ("./", "run.rate=1", "a folder, expected a file"),
+        ("./", "run.rate=1", "a folder; expected a file"),
         ("referense", "run.rate=1", "did you mean \"reference\"?"),
     ] {
         let error = of(fix, &[set]).unwrap_err().to_string();

@@ -83,6 +83,87 @@ fn an_output_directory_that_cannot_be_written() {
 }
 
 #[test]
+fn a_folder_where_a_file_of_the_map_would_be() {
+    let drive = Drive::new(0.5);
+    for name in ["map.png", "map.yaml", "map.echogrid", "readings.echogrid"] {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        check(
+            &["map", drive.log().to_str().unwrap(), "--out", folder.path().to_str().unwrap(), "-q"],
+            &[name, "a folder of this name stands there"],
+        );
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing was started");
+    }
+}
+
+/// Who opens a pipe that nobody writes into waits for ever: these tests would hang.
+#[test]
+fn a_pipe_is_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (pipe, map) = (path("pipe"), path("map.yaml"));
+    for name in ["pipe", "world.toml", "table.csv", "a.echogrid"] {
+        assert!(std::process::Command::new("mkfifo").arg(path(name)).status().unwrap().success());
+    }
+    let yaml = "resolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+    std::fs::write(&map, format!("image: pipe\n{yaml}")).unwrap();
+    let drive = Drive::new(0.5);
+    let (log, out) = (drive.log(), path("maps"));
+    let log = log.to_str().unwrap();
+    check(&["map", &pipe, "--out", &out], &["pipe: not a regular file"]);
+    for arguments in [
+        ["map", log, "--config", &pipe, "--out", &out].as_slice(),
+        &["map", log, "--fix", &pipe, "--out", &out],
+        &["map", log, "--robot", &pipe, "--out", &out],
+        &["demo", "--set", &format!("simulator.world={}", path("world.toml")), "--out", &out],
+        &["up", &pipe],
+        &["check", &pipe],
+        &["calibrate", &path("table.csv")],
+        &["convert", &map, &path("map.pgm")],
+        &["convert", &pipe, &path("map.pgm")],
+        &["score", &path("a.echogrid"), "--world", "room"],
+        &["walls", &path("a.echogrid")],
+    ] {
+        check(arguments, &["a pipe; expected a regular file"]);
+    }
+    std::fs::write(&map, format!("image: /dev/zero\n{yaml}")).unwrap();
+    check(&["convert", &map, &path("map.pgm")], &["/dev/zero: can't be read: a device; expected a regular file"]);
+}
+
+/// Who begins its texts with a mark of their encoding is not to suffer for it.
+#[test]
+fn settings_that_begin_with_a_byte_order_mark() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("config.toml");
+    std::fs::write(&config, "\u{feff}[mapper]\nresolution_m = 0.1\n").unwrap();
+    let output = echogrid(["check", config.to_str().unwrap(), "--sensor", "replay"]);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("resolution_m = 0.1"), "{}", said(&output));
+    std::fs::write(&config, "\u{feff}[mapper]\nresolutoin_m = 0.1\n").unwrap();
+    check(
+        &["check", config.to_str().unwrap(), "--sensor", "replay"],
+        &["config.toml:2", "resolutoin_m", "resolution_m"],
+    );
+}
+
+/// What the machine lacks is told with its figures, beside what failed for it.
+#[test]
+fn limits_that_are_too_low_are_named_by_the_error() {
+    let drive = Drive::new(0.5);
+    let check = |limit: &str, snippets: &[&str]| {
+        let script = format!("{limit} && exec \"$0\" map \"$1\" -q --out \"$2\"");
+        let folder = tempfile::tempdir().unwrap();
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", &script, crate::support::ECHOGRID]).arg(drive.log()).arg(folder.path());
+        refused(&command.output().unwrap(), snippets);
+    };
+    check(
+        "ulimit -n 48",
+        &["`echogrid doctor` finds a problem with open files: at most 48 per process", "may be needed"],
+    );
+    check("ulimit -v 45000", &["address space: 43 MiB per process allowed", "may be needed", "`echogrid doctor`"]);
+}
+
+#[test]
 fn configuration_that_is_typed_wrong() {
     let drive = Drive::new(0.5);
     let set = |assignment: &str, snippets: &[&str]| refused(&drive.map("maps", &["--set", assignment]), snippets);

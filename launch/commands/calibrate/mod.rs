@@ -13,6 +13,7 @@ use anyhow::{Context, Result, ensure};
 use echogrid_core::Calibration;
 use echogrid_core::calibration::{Bootstrap, RESAMPLES};
 use echogrid_core::config::OdometryConfig;
+use echogrid_formats::probe_file;
 
 use crate::cli::Calibrate;
 use report::Report;
@@ -33,6 +34,7 @@ fn calibrate(request: &Calibrate) -> Result<Report> {
     if let Some(file) = request.out.as_deref().filter(|file| !request.force && file.exists()) {
         anyhow::bail!("{}: is there already; --force replaces it", file.display());
     }
+    [&request.picture, &request.out].into_iter().flatten().try_for_each(|file| probe_file(file))?;
     let found = find(request)?;
     let fit = Calibration::fit(&found.translations, &found.rotations).with_context(|| found.name.clone())?;
     // What no graph would take is no model, either.

@@ -15,9 +15,11 @@ mod serial;
 mod user;
 
 use anyhow::{Context, Result, bail};
+use echogrid_formats::log::LogSurvey;
 use serde::Serialize;
 
 use super::demo;
+use super::graph::max_readings;
 use crate::config::{Config, LoadRequest};
 use finding::{Finding, Verdict};
 use need::Need;
@@ -51,6 +53,26 @@ pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
         report.findings.iter().map(ToString::to_string).collect()
     })?;
     said.map_or(Ok(()), |said| bail!(said))
+}
+
+/// A process that can't map what it needs may die without a word, so that is looked at before anything is started.
+pub(super) fn require_addresses(config: &Config, survey: Option<&LogSurvey>) -> Result<()> {
+    let need = Need::for_scans(max_readings(config, survey), config.services.len() as u64, None);
+    match limits::Facts::gather().too_few_addresses(&need) {
+        Some(finding) => bail!("{}: {} (`echogrid doctor` says what mends it)", finding.check, finding.text),
+        None => Ok(()),
+    }
+}
+
+/// What of this machine may be to blame for a graph that failed: shared memory and limits that are less than it can need.
+pub(super) fn blame(config: &Config, survey: Option<&LogSurvey>) -> Option<String> {
+    let need = Need::for_scans(max_readings(config, survey), config.services.len() as u64, None);
+    let findings = memory::Facts::gather().judge(&need).into_iter().chain(limits::Facts::gather().judge(&need));
+    let problems: Vec<String> = findings
+        .filter(|finding| finding.verdict == Verdict::Problem)
+        .map(|finding| format!("{}: {}", finding.check, finding.text))
+        .collect();
+    (!problems.is_empty()).then(|| format!("`echogrid doctor` finds a problem with {}", problems.join("; ")))
 }
 
 fn examine(config: &Config, clean: bool) -> Vec<Finding> {

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Quality;
-use echogrid_formats::write_whole;
+use echogrid_formats::{probe_file, write_whole};
 use toml::Value;
 
 use self::drive::{Drive, Lesson};
@@ -49,6 +49,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
     let learn_on = drive::simulated(&request.learn, request.seeds)?;
     let logs = request.logs.iter().map(|log| drive::logged(log, request.align)).collect::<Result<Vec<Drive>>>()?;
     let workload = request.workload.as_deref().map(Workload::read).transpose()?;
+    request.out.iter().try_for_each(|file| probe_file(file))?;
 
     let lessons = |drives: &[Drive]| jobs::run("drive", drives, |drive| Lesson::of(drive, &request.sets));
     let learnt = match lessons(&learn_on)? {

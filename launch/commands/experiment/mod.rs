@@ -10,7 +10,7 @@ use anyhow::{Context, Result, anyhow};
 use echogrid_core::quality::{QualityError, SIGHT_M, TrueCell, Truth};
 use echogrid_core::{CellIndex, Grid, Pose2, Quality, TILE_SIDE, World, log_odds};
 use echogrid_formats::map::sheet::{self, Row, Sheet};
-use echogrid_formats::write_whole;
+use echogrid_formats::{probe_file, write_whole};
 use echogrid_publisher::PublisherService;
 use echogrid_simulator::world_of;
 
@@ -38,12 +38,13 @@ pub(super) fn run(request: &Request) -> Result<()> {
     let drive = Drive::of(request.world.as_deref(), request.seed);
     // Whatever is wrong is said before anything is made.
     let world = world_of(&Variant::ignored().config(&drive, &request.out)?.simulator)?;
+    std::fs::create_dir_all(&request.out).with_context(|| format!("making the folder {}", request.out.display()))?;
+    ["experiment.png", "scores.json"].iter().try_for_each(|name| probe_file(&request.out.join(name)))?;
     // The moments are those of the map that asks where the robot is: the drive doesn't depend on who maps.
     let scout = play(&Variant::localized().config(&drive, &request.out)?, None, Vec::new())?;
     let moments = moments(&scout);
     let stamps: Vec<u64> = moments.iter().map(|moment| moment.stamp_ns).collect();
     let variants = variant::all(scout.fixes_ns.len(), way_m(&scout.true_path));
-    std::fs::create_dir_all(&request.out).with_context(|| format!("making the folder {}", request.out.display()))?;
     let seen = std::thread::scope(|scope| {
         let map = |variant: &Variant| map(variant, &drive, &request.out, stamps.clone());
         let threads: Vec<_> = variants.iter().map(|variant| scope.spawn(move || map(variant))).collect();

@@ -23,6 +23,7 @@ use crate::log::{self, KNOWN_FORMATS, LogError};
 use crate::map::map_server::{self, MapMode, Thresholds};
 use crate::map::{MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
+use crate::text::BYTE_ORDER_MARK;
 use crate::whole_file::{WholeFile, write_together, write_whole};
 
 /// What a conversion did.
@@ -159,7 +160,7 @@ fn kind_of(input: &Path) -> Result<Input, ConvertError> {
     if is_image {
         return Err(unknown("an image says nothing of metres; name the YAML that goes with it"));
     }
-    let is_yaml = head.split(|byte| *byte == b'\n').any(|line| line.starts_with(b"image:"));
+    let is_yaml = head.split(|byte| *byte == b'\n').any(begins_with_image_key);
     if is_yaml {
         return Ok(Input::MapServer);
     }
@@ -170,8 +171,17 @@ fn kind_of(input: &Path) -> Result<Input, ConvertError> {
     }
 }
 
+/// Whether a line of a file names the image of a map: `image:`, quoted or not, or so in a flow mapping.
+fn begins_with_image_key(line: &[u8]) -> bool {
+    let line = line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(line);
+    let is_quote = |byte: &u8| b"\"' ".contains(byte);
+    let begin = line.iter().position(|byte| !is_quote(byte) && *byte != b'{').unwrap_or(line.len());
+    let key = line.get(begin..).unwrap_or_default();
+    key.strip_prefix(b"image").is_some_and(|rest| rest.iter().find(|byte| !is_quote(byte)) == Some(&b':'))
+}
+
 fn log_file(path: &Path) -> Result<std::fs::File, ConvertError> {
-    Ok(std::fs::File::open(path).map_err(|source| MapError::read(path, source))?)
+    Ok(crate::open_regular(path).map_err(|source| MapError::read(path, source))?)
 }
 
 fn extension(path: &Path) -> String {

@@ -33,6 +33,6 @@ pub mod trials;
 mod whole_file;
 pub mod world;
 
-pub(crate) use bounded::read_at_most;
+pub use bounded::{open_regular, read_at_most};
 pub use text::{TextError, TextFileError};
-pub use whole_file::{WriteError, write_whole};
+pub use whole_file::{WriteError, probe_file, write_whole};

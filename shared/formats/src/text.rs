@@ -6,6 +6,9 @@ use std::path::{Path, PathBuf};
 
 use crate::read_at_most;
 
+/// U+FEFF in UTF-8: what a text may begin with, and no part of it.
+pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// What is wrong with a text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {found}; expected {expected}")]
@@ -61,7 +64,9 @@ pub(crate) fn read_text<T>(
             TextFileError::Read { path: path.to_path_buf(), source }
         }
     })?;
-    parse(&String::from_utf8_lossy(&bytes)).map_err(|source| TextFileError::Text { path: path.to_path_buf(), source })
+    // Editors of some systems begin a text with a mark of its encoding.
+    let bytes = bytes.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&bytes);
+    parse(&String::from_utf8_lossy(bytes)).map_err(|source| TextFileError::Text { path: path.to_path_buf(), source })
 }
 
 /// The line that a stretch of bytes begins in, counted from 1.

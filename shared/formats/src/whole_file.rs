@@ -28,6 +28,13 @@ pub(crate) struct WholeFile {
 impl WholeFile {
     pub(crate) fn create(path: &Path) -> Result<Self, WriteError> {
         let fail = |source| WriteError { path: path.to_path_buf(), doing: "creating a file beside it", source };
+        if path.is_dir() {
+            let source = io::Error::new(
+                io::ErrorKind::IsADirectory,
+                "a folder of this name stands there; expected a file or nothing",
+            );
+            return Err(WriteError { path: path.to_path_buf(), doing: "looking at it", source });
+        }
         let mut builder = tempfile::Builder::new();
         builder.prefix(".echogrid-").suffix(".part");
         #[cfg(unix)]
@@ -95,6 +102,15 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     file.commit()
 }
 
+/// Whether a file can be written, as far as it can be known before: for whoever works long for what it will hold.
+/// Nothing is changed.
+///
+/// # Errors
+/// When it can't.
+pub fn probe_file(path: &Path) -> Result<(), WriteError> {
+    WholeFile::create(path).map(drop)
+}
+
 /// Writes files that tell of each other: none is put in place before all are stored, as a full disk would part them.
 ///
 /// # Errors
@@ -143,6 +159,16 @@ mod tests {
         file.write_all(b"new").unwrap();
         drop(file);
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn a_folder_in_its_place_is_said_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("map.png")).unwrap();
+        let error = probe_file(&folder.path().join("map.png")).unwrap_err().to_string();
+        assert!(error.contains("map.png") && error.contains("a folder of this name"), "{error}");
+        probe_file(&folder.path().join("map.pgm")).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 

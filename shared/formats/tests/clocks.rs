@@ -72,7 +72,12 @@ fn scans(events: &[LogEvent]) -> Vec<(u32, Pose2)> {
 fn check(name: &str, tenths: u32, stamp: impl Fn(u32) -> String) -> LogSurvey {
     let (survey, events) = read(&drive(tenths, stamp, None));
     let way_m: f64 = (1..tenths).map(|tenth| pose(tenth - 1).distance_m(pose(tenth))).sum();
-    assert!((survey.distance_m - way_m).abs() < 1e-6, "{name}: {} m for {way_m}; {:?}", survey.distance_m, survey.clock);
+    assert!(
+        (survey.distance_m - way_m).abs() < 1e-6,
+        "{name}: {} m for {way_m}; {:?}",
+        survey.distance_m,
+        survey.clock
+    );
     let scans = scans(&events);
     assert_eq!(scans.len() as u32, tenths.div_ceil(5), "{name}");
     for (tenth, at) in scans {
@@ -87,7 +92,9 @@ fn seconds(tenth: u32) -> f64 {
 
 #[test]
 fn a_clock_set_back_or_ahead_keeps_the_path() {
-    for (at, by) in [(300, -1.5), (300, -8.0), (300, -0.3), (203, -40.0), (300, 4000.0), (300, 1e8), (597, -5.0), (300, -1.6e9)] {
+    for (at, by) in
+        [(300, -1.5), (300, -8.0), (300, -0.3), (203, -40.0), (300, 4000.0), (300, 1e8), (597, -5.0), (300, -1.6e9)]
+    {
         let survey = check(&format!("{by} s at {at}"), 600, |tenth| {
             format!("{:.6}", seconds(tenth) + if tenth >= at { by } else { 0.0 })
         });
@@ -95,9 +102,8 @@ fn a_clock_set_back_or_ahead_keeps_the_path() {
         assert!((step.by_s - f64::abs(by)).abs() < 0.2, "{step:?}");
         assert_eq!(survey.clock.invented().is_some(), by != 4000.0, "a pause is no invention");
     }
-    let often = check("set back every 15 s", 900, |tenth| {
-        format!("{:.6}", seconds(tenth) - 1.8 * f64::from(tenth / 150))
-    });
+    let often =
+        check("set back every 15 s", 900, |tenth| format!("{:.6}", seconds(tenth) - 1.8 * f64::from(tenth / 150)));
     assert_eq!((often.clock.set_count, often.clock.order_only), (5, false));
     check("back and there again", 600, |tenth| {
         format!("{:.6}", seconds(tenth) - if (200..400).contains(&tenth) { 30.0 } else { 0.0 })
@@ -111,7 +117,8 @@ fn a_clock_set_back_or_ahead_keeps_the_path() {
 
 #[test]
 fn a_clock_that_stands_still_or_counts_whole_seconds() {
-    let frozen = check("frozen", 900, |tenth| format!("{:.6}", seconds(if (300..600).contains(&tenth) { 300 } else { tenth })));
+    let frozen =
+        check("frozen", 900, |tenth| format!("{:.6}", seconds(if (300..600).contains(&tenth) { 300 } else { tenth })));
     assert!((frozen.duration().as_secs_f64() - 89.9).abs() < 0.2, "{:?}", frozen.duration());
     let lost = check("frozen, and time lost", 900, |tenth| {
         format!("{:.6}", seconds(if tenth < 300 { tenth } else { tenth.saturating_sub(300).max(300) }))
@@ -124,7 +131,8 @@ fn a_clock_that_stands_still_or_counts_whole_seconds() {
 
 #[test]
 fn lines_without_stamps_stay_beside_their_neighbours() {
-    for (name, none) in [("negative", "-1"), ("zero", "0"), ("absurd", "1e300"), ("no number", "nan"), ("words", "n/a")] {
+    for (name, none) in [("negative", "-1"), ("zero", "0"), ("absurd", "1e300"), ("no number", "nan"), ("words", "n/a")]
+    {
         let good = |tenth| format!("{:.6}", seconds(tenth));
         for without in [0..40, 500..560, 540..900, 100..101, 0..1] {
             let survey = check(&format!("{name}, {without:?}"), 900, |tenth| {

@@ -47,7 +47,11 @@ impl LiveClock {
             *late += 1;
             if *late >= LATE {
                 let back_ns = last_ns.saturating_add(period_ns) - stamp_ns;
-                tracing::warn!(topic = topic.name(), back_s = back_ns as f64 * 1e-9, "the clock of the sensor was set back");
+                tracing::warn!(
+                    topic = topic.name(),
+                    back_s = back_ns as f64 * 1e-9,
+                    "the clock of the sensor was set back"
+                );
                 self.offset_ns = self.offset_ns.saturating_add(back_ns);
                 stamp_ns = last_ns.saturating_add(period_ns);
                 *late = 0;

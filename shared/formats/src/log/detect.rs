@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use super::LogError;
-use super::carmen::is_message_name;
-use super::source::{BYTE_ORDER_MARK, Source};
+use super::dialect::Dialect;
+use super::source::Source;
+use crate::open_regular;
+use crate::text::BYTE_ORDER_MARK;
 
 /// The formats that can be read, for people.
-pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf; plain or gzipped), \
-                                 a Udacity sonar pair (measurement.txt beside poses.txt)";
+pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf), a Wean Hall log, GMapping's .gfs, a CSV whose header names \
+                                 t, x, y, theta and ranges (each plain, .gz, .bz2 or .zst), a Udacity sonar pair (measurement.txt beside poses.txt)";
 
 /// How much of a file is looked at to tell its format, bytes after decompression: more than any comment before the data.
 const HEAD_BYTES: u64 = 4 * 1024 * 1024;
@@ -23,6 +25,12 @@ const HEAD_BYTES: u64 = 4 * 1024 * 1024;
 pub enum LogFormat {
     /// CARMEN's text log: one message per line (`ODOM`, `FLASER`, `SONAR`, …); may be gzipped.
     CarmenLog,
+    /// CMU's Wean Hall log: `O` and `L` lines, centimetres.
+    WeanLog,
+    /// What GMapping writes (`.gfs`).
+    GmappingLog,
+    /// A table with a header.
+    CsvTable,
     /// The pair of files of Udacity's RoboND occupancy grid course: a ring of eight sonars.
     UdacitySonar,
 }
@@ -31,6 +39,9 @@ impl core::fmt::Display for LogFormat {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::CarmenLog => "CARMEN log",
+            Self::WeanLog => "Wean Hall log",
+            Self::GmappingLog => "GMapping log",
+            Self::CsvTable => "CSV table",
             Self::UdacitySonar => "Udacity sonar pair",
         })
     }
@@ -38,14 +49,14 @@ impl core::fmt::Display for LogFormat {
 
 /// The files that make up a log.
 pub(crate) enum Found {
-    Carmen { path: PathBuf },
+    Text { path: PathBuf, dialect: Dialect },
     Udacity { measurement: PathBuf, poses: PathBuf },
 }
 
 /// What a text looks like.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 enum Looks {
-    Carmen,
+    Text(Dialect),
     Measurement,
     Poses,
     Unknown,
@@ -53,9 +64,10 @@ enum Looks {
 
 /// Opens a regular file.
 pub(crate) fn open_file(path: &Path) -> Result<File, LogError> {
-    let file = File::open(path).map_err(|source| LogError::open(path, source))?;
-    let metadata = file.metadata().map_err(|source| LogError::open(path, source))?;
-    if metadata.is_file() { Ok(file) } else { Err(LogError::NotAFile { path: path.to_path_buf() }) }
+    match path.metadata() {
+        Ok(metadata) if !metadata.is_file() => Err(LogError::NotAFile { path: path.to_path_buf() }),
+        _ => open_regular(path).map_err(|source| LogError::open(path, source)),
+    }
 }
 
 /// The format of the log at `path`, and the files it is made of.
@@ -70,7 +82,7 @@ pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
     }
     let mut head = Vec::new();
     let source = Source::new(file).map_err(|source| LogError::open(path, source))?;
-    // A damaged gzip stream still shows what came before the damage.
+    // A damaged stream still shows what came before the damage.
     let outcome = source.take(HEAD_BYTES).read_to_end(&mut head);
     if let (Err(source), true) = (outcome, head.is_empty()) {
         return Err(LogError::open(path, source));
@@ -79,7 +91,7 @@ pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
         return Err(LogError::Empty { path: path.to_path_buf() });
     }
     match looks_like(&head) {
-        Looks::Carmen => Ok(Found::Carmen { path: path.to_path_buf() }),
+        Looks::Text(dialect) => Ok(Found::Text { path: path.to_path_buf(), dialect }),
         Looks::Measurement => Ok(Found::Udacity { measurement: path.to_path_buf(), poses: beside(path, "poses.txt")? }),
         Looks::Poses => Ok(Found::Udacity { measurement: beside(path, "measurement.txt")?, poses: path.to_path_buf() }),
         Looks::Unknown => Err(LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) }),
@@ -108,8 +120,8 @@ fn beside(path: &Path, name: &str) -> Result<PathBuf, LogError> {
 fn looks_like(head: &[u8]) -> Looks {
     let head = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
     let lines = || head.split(|byte| *byte == b'\n').filter_map(|line| core::str::from_utf8(line).ok());
-    if lines().any(|line| line.split_ascii_whitespace().next().is_some_and(is_message_name)) {
-        return Looks::Carmen;
+    if let Some(dialect) = Dialect::of(head) {
+        return Looks::Text(dialect);
     }
     // The last line may be cut by the end of the head, so the first one that is not blank decides.
     let Some(row) = lines().find(|line| !line.trim().is_empty()) else { return Looks::Unknown };
@@ -136,12 +148,15 @@ mod tests {
 
     #[test]
     fn content_decides() {
-        assert_eq!(looks_like(b"# a comment\nPARAM a b nohost 0\n"), Looks::Carmen);
-        assert_eq!(looks_like(b"\xff\xfe junk\r\nODOM 0 0 0 0 0 0 1 h 1\r\n"), Looks::Carmen);
+        assert_eq!(looks_like(b"# a comment\nPARAM a b nohost 0\n"), Looks::Text(Dialect::Carmen));
+        assert_eq!(looks_like(b"\xff\xfe junk\r\nODOM 0 0 0 0 0 0 1 h 1\r\n"), Looks::Text(Dialect::Carmen));
         assert_eq!(looks_like(b"1686487 5110 5110 2320 2360 5110 5110 2160 1190\n"), Looks::Measurement);
-        assert_eq!(looks_like(b"\xef\xbb\xbfODOM 0 0 0 0 0 0 1 h 1\n"), Looks::Carmen);
+        assert_eq!(looks_like(b"\xef\xbb\xbfODOM 0 0 0 0 0 0 1 h 1\n"), Looks::Text(Dialect::Carmen));
         let comments = b"# a line of a long licence, or of the notes of whoever drove\n".repeat(10_000);
-        assert_eq!(looks_like(&[comments.as_slice(), b"ODOM 0 0 0 0 0 0 1 h 1\n"].concat()), Looks::Carmen);
+        assert_eq!(
+            looks_like(&[comments.as_slice(), b"ODOM 0 0 0 0 0 0 1 h 1\n"].concat()),
+            Looks::Text(Dialect::Carmen)
+        );
         assert_eq!(looks_like(b"\n1686487 0 0 0\n"), Looks::Poses);
         assert_eq!(looks_like(b"1 2 3\n"), Looks::Unknown);
         assert_eq!(looks_like(b"%PDF-1.7\n"), Looks::Unknown);

@@ -4,7 +4,8 @@ use std::io::{self, BufRead as _, Read};
 use std::path::Path;
 
 use super::LogError;
-use super::source::{BYTE_ORDER_MARK, Source, Stamp, is_damage};
+use super::source::{Source, Stamp, is_damage};
+use crate::text::BYTE_ORDER_MARK;
 
 /// Longest line that is looked at, bytes. A lidar scan takes some 10 kB.
 const LINE_BYTES: usize = 4 * 1024 * 1024;
@@ -39,13 +40,13 @@ impl<R: Read> Lines<R> {
         }
         self.buffer.clear();
         self.number += 1;
-        let is_gzip = self.source.is_gzip();
+        let is_compressed = self.source.is_compressed();
         let (mut too_long, mut any) = (false, false);
         loop {
             let available = match self.source.fill_buf() {
                 Ok(available) => available,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Err(error) if is_gzip && is_damage(&error) => {
+                Err(error) if is_compressed && is_damage(&error) => {
                     // A partial line before the damage is lost with it: its numbers may be cut.
                     self.ended = true;
                     return Ok(Some(Line::Damaged(self.number, error.to_string())));

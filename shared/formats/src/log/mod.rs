@@ -7,8 +7,13 @@
 //!
 //! | format | recognised by | module |
 //! |---|---|---|
-//! | CARMEN log, plain or gzipped | a message line such as `ODOM …` or `FLASER …` | [`carmen`] |
+//! | CARMEN log | a message line such as `ODOM …` or `FLASER …` | [`carmen`] |
+//! | Wean Hall log | lines `O …` and `L …` of numbers | `dialect/wean.rs` |
+//! | GMapping's `.gfs` | `LASER_READING …` | `dialect/gfs.rs` |
+//! | CSV with a header | the names of its columns | `dialect/csv.rs` |
 //! | Udacity sonar pair `measurement.txt` + `poses.txt` | rows of 9 or 4 whole numbers, or the folder | [`udacity`] |
+//!
+//! Text logs may be plain, or packed by gzip, bzip2 or Zstandard, told by their content.
 //!
 //! Damage is counted, not fatal: a refused line is a [`Fault`], and everything else is kept.
 //! Only a log that can make no map is an error ([`LogError`]).
@@ -17,6 +22,7 @@ pub mod carmen;
 mod clock;
 mod clock_report;
 mod detect;
+mod dialect;
 mod error;
 mod event;
 mod fault;
@@ -29,6 +35,7 @@ mod survey;
 mod tally;
 mod timeline;
 pub mod udacity;
+mod zstandard;
 
 use std::path::Path;
 
@@ -57,7 +64,7 @@ pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
 /// As [`survey`].
 pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
     match detect(path)? {
-        Found::Carmen { path } => carmen::survey_with(detect::open_file(&path)?, &path, options),
+        Found::Text { path, dialect } => carmen::survey_of(detect::open_file(&path)?, &path, dialect, options),
         Found::Udacity { measurement, poses } => {
             udacity::survey(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses)
         }
@@ -70,7 +77,7 @@ pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, Log
 /// When the file can't be read or is of no known format.
 pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
     Ok(match detect(path)? {
-        Found::Carmen { .. } => LogFormat::CarmenLog,
+        Found::Text { dialect, .. } => dialect.format(),
         Found::Udacity { .. } => LogFormat::UdacitySonar,
     })
 }
@@ -84,7 +91,9 @@ pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
 /// When the file can't be read any more or is no longer of the format that the survey found.
 pub fn open(path: &Path, survey: &LogSurvey) -> Result<LogReader, LogError> {
     match (detect(path)?, survey.format) {
-        (Found::Carmen { path }, LogFormat::CarmenLog) => carmen::read(detect::open_file(&path)?, &path, survey),
+        (Found::Text { path, dialect }, _) if dialect == survey.plan.dialect && dialect.format() == survey.format => {
+            carmen::read(detect::open_file(&path)?, &path, survey)
+        }
         (Found::Udacity { measurement, poses }, LogFormat::UdacitySonar) => {
             udacity::read(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses, survey)
         }

@@ -1,13 +1,16 @@
-//! Bytes of a file: hashed as stored, decompressed if gzipped.
+//! Bytes of a file: hashed as stored, decompressed if gzip, bzip2 or Zstandard packed them.
 
 use std::io::{self, BufRead, BufReader, Chain, Cursor, Read};
 
+use bzip2::bufread::MultiBzDecoder;
 use flate2::bufread::MultiGzDecoder;
 use sha2::{Digest as _, Sha256};
 
-/// What some editors put before a text.
-pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+use super::zstandard::Zstandard;
+
 const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+const BZIP2_MAGIC: [u8; 3] = *b"BZh";
+const ZSTANDARD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 const BUFFER_BYTES: usize = 64 * 1024;
 
 /// Counts and hashes what passes.
@@ -28,12 +31,14 @@ impl<R: Read> Read for Tap<R> {
 
 type Stored<R> = BufReader<Chain<Cursor<Vec<u8>>, Tap<R>>>;
 
-/// A file's content, decompressed if its first two bytes say gzip (whatever its name says).
+/// A file's content, decompressed if its first bytes say how (whatever its name says).
 pub(crate) struct Source<R: Read>(Content<R>);
 
 enum Content<R: Read> {
     Plain(Stored<R>),
     Gzip(Box<BufReader<MultiGzDecoder<Stored<R>>>>),
+    Bzip2(Box<BufReader<MultiBzDecoder<Stored<R>>>>),
+    Zstandard(Box<BufReader<Zstandard<Stored<R>>>>),
 }
 
 /// What the stored bytes were.
@@ -45,20 +50,25 @@ pub(crate) struct Stamp {
 impl<R: Read> Source<R> {
     pub(crate) fn new(stored: R) -> io::Result<Self> {
         let mut tap = Tap { inner: stored, hasher: Sha256::new(), bytes: 0 };
-        let mut magic = Vec::with_capacity(2);
-        tap.by_ref().take(2).read_to_end(&mut magic)?;
-        let gzipped = magic == GZIP_MAGIC;
+        let mut magic = Vec::with_capacity(4);
+        tap.by_ref().take(4).read_to_end(&mut magic)?;
+        let begins = |with: &[u8]| magic.starts_with(with);
+        let (gzip, bzip2, zstandard) = (begins(&GZIP_MAGIC), begins(&BZIP2_MAGIC), begins(&ZSTANDARD_MAGIC));
         let stored = BufReader::with_capacity(BUFFER_BYTES, Cursor::new(magic).chain(tap));
-        Ok(Self(if gzipped {
+        Ok(Self(if gzip {
             Content::Gzip(Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(stored))))
+        } else if bzip2 {
+            Content::Bzip2(Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiBzDecoder::new(stored))))
+        } else if zstandard {
+            Content::Zstandard(Box::new(BufReader::with_capacity(BUFFER_BYTES, Zstandard::new(stored))))
         } else {
             Content::Plain(stored)
         }))
     }
 
     /// Whether the content is compressed.
-    pub(crate) fn is_gzip(&self) -> bool {
-        matches!(self.0, Content::Gzip(_))
+    pub(crate) fn is_compressed(&self) -> bool {
+        !matches!(self.0, Content::Plain(_))
     }
 
     /// Reads the stored bytes to their end, for their hash and number.
@@ -66,6 +76,8 @@ impl<R: Read> Source<R> {
         let stored = match self.0 {
             Content::Plain(stored) => stored,
             Content::Gzip(decoded) => decoded.into_inner().into_inner(),
+            Content::Bzip2(decoded) => decoded.into_inner().into_inner(),
+            Content::Zstandard(decoded) => decoded.into_inner().into_inner(),
         };
         let (_, mut tap) = stored.into_inner().into_inner();
         io::copy(&mut tap, &mut io::sink())?;
@@ -78,6 +90,8 @@ impl<R: Read> Read for Source<R> {
         match &mut self.0 {
             Content::Plain(content) => content.read(buffer),
             Content::Gzip(content) => content.read(buffer),
+            Content::Bzip2(content) => content.read(buffer),
+            Content::Zstandard(content) => content.read(buffer),
         }
     }
 }
@@ -87,6 +101,8 @@ impl<R: Read> BufRead for Source<R> {
         match &mut self.0 {
             Content::Plain(content) => content.fill_buf(),
             Content::Gzip(content) => content.fill_buf(),
+            Content::Bzip2(content) => content.fill_buf(),
+            Content::Zstandard(content) => content.fill_buf(),
         }
     }
 
@@ -94,11 +110,13 @@ impl<R: Read> BufRead for Source<R> {
         match &mut self.0 {
             Content::Plain(content) => content.consume(amount),
             Content::Gzip(content) => content.consume(amount),
+            Content::Bzip2(content) => content.consume(amount),
+            Content::Zstandard(content) => content.consume(amount),
         }
     }
 }
 
-/// Whether an error of reading gzipped content means that the stream is damaged, not that the file
+/// Whether an error of reading compressed content means that the stream is damaged, not that the file
 /// can't be read.
 pub(crate) fn is_damage(error: &io::Error) -> bool {
     use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
@@ -122,11 +140,23 @@ mod tests {
         encoder.finish().unwrap()
     }
 
+    fn bzip2(content: &[u8]) -> Vec<u8> {
+        let mut encoder = bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::fast());
+        encoder.write_all(content).unwrap();
+        encoder.finish().unwrap()
+    }
+
+    fn zstandard(content: &[u8]) -> Vec<u8> {
+        ruzstd::encoding::compress_to_vec(content, ruzstd::encoding::CompressionLevel::Fastest)
+    }
+
     #[test]
-    fn plain_and_gzip_give_the_same_content() {
-        let mut members = gzip(b"one\n");
-        members.extend(gzip(b"two\n"));
-        for stored in [b"one\ntwo\n".to_vec(), members] {
+    fn plain_and_compressed_give_the_same_content() {
+        let members = |pack: fn(&[u8]) -> Vec<u8>| [pack(b"one\n"), pack(b"two\n")].concat();
+        let mut skipped = zstandard(b"one\n");
+        skipped.extend([0x50, 0x2a, 0x4d, 0x18, 3, 0, 0, 0, 1, 2, 3]);
+        skipped.extend(zstandard(b"two\n"));
+        for stored in [b"one\ntwo\n".to_vec(), members(gzip), members(bzip2), members(zstandard), skipped] {
             let mut content = Vec::new();
             let mut source = Source::new(stored.as_slice()).unwrap();
             source.read_to_end(&mut content).unwrap();
@@ -139,10 +169,12 @@ mod tests {
 
     #[test]
     fn a_cut_stream_is_damage() {
-        let stored = gzip(&b"x".repeat(10_000));
-        let mut source = Source::new(&stored[..stored.len() / 2]).unwrap();
-        let error = source.read_to_end(&mut Vec::new()).unwrap_err();
-        assert!(source.is_gzip() && is_damage(&error));
-        assert_eq!(source.finish().unwrap().bytes, stored.len() as u64 / 2);
+        for pack in [gzip, bzip2, zstandard] {
+            let stored = pack(&b"x".repeat(10_000));
+            let mut source = Source::new(&stored[..stored.len() / 2]).unwrap();
+            let error = source.read_to_end(&mut Vec::new()).unwrap_err();
+            assert!(source.is_compressed() && is_damage(&error), "{error}");
+            assert_eq!(source.finish().unwrap().bytes, stored.len() as u64 / 2);
+        }
     }
 }

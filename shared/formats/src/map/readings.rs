@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::MapError;
 use super::native::{Cursor, NativeError, section};
+use crate::read_at_most;
 use crate::whole_file::write_whole;
 
 /// The file's name; it lies beside `map.echogrid`.
@@ -219,7 +220,7 @@ pub fn write(path: &Path, document: &ReadingsDocument) -> Result<(), MapError> {
 /// # Errors
 /// It can't be read, or is cut, damaged, or something else.
 pub fn read(path: &Path) -> Result<ReadingsDocument, MapError> {
-    let bytes = std::fs::read(path).map_err(|source| MapError::read(path, source))?;
+    let bytes = read_at_most(path, u64::MAX - 1).map_err(|source| MapError::read(path, source))?;
     decode(&bytes).map_err(|source| MapError::Native { path: path.to_path_buf(), source })
 }
 

@@ -77,7 +77,7 @@ impl Beams {
 
 /// First bearing and step of `FLASER` and `RLASER`, which don't say them: from −90° on, 1° for
 /// 180 or 181 beams, ½° for 360 or 361, any other number spread over 180°.
-pub(super) fn plain_fan(count: usize) -> (f64, f64) {
+pub(in crate::log) fn plain_fan(count: usize) -> (f64, f64) {
     let step_deg = match count {
         180 | 181 => 1.0,
         360 | 361 => 0.5,

@@ -10,6 +10,7 @@ use super::fans::{self, FanNumbers, Fans};
 use super::message::{Carried, ScanKind, ScanLine, Shape};
 use super::rings::Rings;
 use super::units::{RangeUnit, Seen, UnitTally};
+use crate::log::dialect::Dialect;
 
 /// Readings nearer than this are the robot itself or a fault, metres.
 const LIDAR_MIN_M: f64 = 0.02;
@@ -173,6 +174,7 @@ impl UsedKind {
 /// How the lines of a log become events.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CarmenPlan {
+    pub(crate) dialect: Dialect,
     pub(crate) used: BTreeMap<ScanKind, UsedKind>,
     /// The scan messages whose pose is the odometry; none if there are `ODOM` lines.
     pub(crate) odometry_from: Option<ScanKind>,

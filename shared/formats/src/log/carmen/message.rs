@@ -289,19 +289,38 @@ fn sonar(mut words: Words<'_>) -> Result<Message<'static>, Refusal> {
 }
 
 /// The words of a line, taken one by one.
-struct Words<'a>(SplitAsciiWhitespace<'a>);
+pub(in crate::log) struct Words<'a>(SplitAsciiWhitespace<'a>);
 
 impl<'a> Words<'a> {
-    fn word(&mut self) -> Result<&'a str, Refusal> {
+    pub(in crate::log) fn new(line: &'a [u8]) -> Result<Self, Refusal> {
+        let text = core::str::from_utf8(line)
+            .map_err(|_| Refusal::new(FaultKind::NotUtf8, String::from_utf8_lossy(line.get(..200).unwrap_or(line))))?;
+        Ok(Self(text.split_ascii_whitespace()))
+    }
+
+    pub(in crate::log) fn next_word(&mut self) -> Option<&'a str> {
+        self.0.next()
+    }
+
+    /// A stamp as the last word. The outer result is about the words, the inner option about the stamp.
+    pub(in crate::log) fn last_stamp(mut self) -> Result<Option<u64>, Refusal> {
+        let stamp = self.word()?;
+        match self.0.next() {
+            Some(extra) => Err(Refusal::new(FaultKind::ExtraWords, extra)),
+            None => Ok(parse_stamp_ns(stamp)),
+        }
+    }
+
+    pub(in crate::log) fn word(&mut self) -> Result<&'a str, Refusal> {
         self.0.next().ok_or_else(|| Refusal::new(FaultKind::Truncated, "end of line"))
     }
 
-    fn number(&mut self) -> Result<f64, Refusal> {
+    pub(in crate::log) fn number(&mut self) -> Result<f64, Refusal> {
         let word = self.word()?;
         word.parse().map_err(|_| Refusal::new(FaultKind::BadNumber, word))
     }
 
-    fn bounded(&mut self, limit: f64, beyond: FaultKind) -> Result<f64, Refusal> {
+    pub(in crate::log) fn bounded(&mut self, limit: f64, beyond: FaultKind) -> Result<f64, Refusal> {
         let word = self.word()?;
         let value: f64 = word.parse().map_err(|_| Refusal::new(FaultKind::BadNumber, word))?;
         if !value.is_finite() {
@@ -313,7 +332,7 @@ impl<'a> Words<'a> {
         }
     }
 
-    fn pose(&mut self) -> Result<Pose2, Refusal> {
+    pub(in crate::log) fn pose(&mut self) -> Result<Pose2, Refusal> {
         let x = self.bounded(POSITION_MAX_M, FaultKind::AbsurdPose)?;
         let y = self.bounded(POSITION_MAX_M, FaultKind::AbsurdPose)?;
         Ok(Pose2::new(x, y, self.bounded(HEADING_MAX_RAD, FaultKind::AbsurdPose)?))
@@ -328,7 +347,7 @@ impl<'a> Words<'a> {
         self.bounded(ANGLE_MAX, FaultKind::AbsurdPose)
     }
 
-    fn count(&mut self) -> Result<usize, Refusal> {
+    pub(in crate::log) fn count(&mut self) -> Result<usize, Refusal> {
         self.count_from(1)
     }
 
@@ -340,7 +359,7 @@ impl<'a> Words<'a> {
             .ok_or_else(|| Refusal::new(FaultKind::BadCount, word))
     }
 
-    fn ranges(&mut self, count: usize) -> Result<Vec<f64>, Refusal> {
+    pub(in crate::log) fn ranges(&mut self, count: usize) -> Result<Vec<f64>, Refusal> {
         let mut ranges = Vec::with_capacity(count.min(2048));
         for _ in 0..count {
             ranges.push(self.number()?);
@@ -348,7 +367,7 @@ impl<'a> Words<'a> {
         Ok(ranges)
     }
 
-    fn left(&self) -> usize {
+    pub(in crate::log) fn left(&self) -> usize {
         self.0.clone().count()
     }
 

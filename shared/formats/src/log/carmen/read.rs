@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use echogrid_core::{Echo, Reading};
 
 use super::kinds::{CarmenPlan, UsedKind};
-use super::message::{Message, ScanLine, parse};
+use super::message::{Message, ScanLine};
 use crate::log::lines::{Line, Lines};
 use crate::log::timeline::{EventLine, Rank, Source, TimedLine};
 use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
@@ -50,10 +50,12 @@ impl<R: Read> Iterator for CarmenReader<R> {
             match lines.next() {
                 // What is refused has been counted by the survey.
                 Ok(Some(Line::Bytes(number, bytes))) => {
-                    let message = parse(bytes).ok();
-                    if let Some(line) = message.and_then(|message| timed_line(number, message, &self.plan)) {
-                        self.timeline.push(line);
-                    }
+                    let (plan, timeline) = (&self.plan, &mut self.timeline);
+                    let _ = plan.dialect.parse(bytes, &mut |message| {
+                        if let Some(line) = timed_line(number, message, plan) {
+                            timeline.push(line);
+                        }
+                    });
                 }
                 Ok(Some(Line::TooLong(_) | Line::Damaged(..))) => {}
                 Ok(None) => {

@@ -8,13 +8,14 @@ use echogrid_core::Pose2;
 use echogrid_core::robot::SENSORS_MAX;
 
 use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
-use super::message::{Message, ScanKind, ScanLine, parse};
+use super::message::{Message, ScanKind, ScanLine};
+use crate::log::dialect::Dialect;
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::lines::{Line, Lines};
 use crate::log::source::hex;
 use crate::log::tally::{EventTally, Summary};
 use crate::log::timeline::{Rank, Source, TimedLine};
-use crate::log::{LogError, LogFormat, LogSurvey, SurveyOptions};
+use crate::log::{LogError, LogSurvey, SurveyOptions};
 
 /// Parameters that are kept, and their longest value in bytes.
 const PARAMS_MAX: usize = 4096;
@@ -35,6 +36,16 @@ pub fn survey(stored: impl Read, path: &Path) -> Result<LogSurvey, LogError> {
 /// # Errors
 /// As [`survey`].
 pub fn survey_with(stored: impl Read, path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
+    survey_of(stored, path, Dialect::Carmen, options)
+}
+
+/// Surveys a text log of any dialect.
+pub(in crate::log) fn survey_of(
+    stored: impl Read,
+    path: &Path,
+    dialect: Dialect,
+    options: SurveyOptions,
+) -> Result<LogSurvey, LogError> {
     let mut lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
     let mut surveyor = Surveyor {
         faults: FaultCounter::default(),
@@ -45,6 +56,7 @@ pub fn survey_with(stored: impl Read, path: &Path, options: SurveyOptions) -> Re
         odom_from_base: None,
         most_sonars: None,
         options,
+        dialect,
     };
     while let Some(line) = lines.next().map_err(|source| LogError::open(path, source))? {
         surveyor.line(line);
@@ -75,15 +87,21 @@ struct Surveyor {
     /// The first line that names more sonars than a robot can have, and how many.
     most_sonars: Option<(u64, usize)>,
     options: SurveyOptions,
+    dialect: Dialect,
 }
 
 impl Surveyor {
     fn line(&mut self, line: Line<'_>) {
         match line {
-            Line::Bytes(number, bytes) => match parse(bytes) {
-                Ok(message) => self.message(number, message),
-                Err(refusal) => self.faults.count(number, refusal),
-            },
+            Line::Bytes(number, bytes) => {
+                // A byte order mark is no part of the first message.
+                let dialect = core::mem::take(&mut self.dialect);
+                let outcome = dialect.parse(bytes, &mut |message| self.message(number, message));
+                self.dialect = dialect;
+                if let Err(refusal) = outcome {
+                    self.faults.count(number, refusal);
+                }
+            }
             Line::TooLong(number) => self.faults.count(number, Refusal::new(FaultKind::LineTooLong, "")),
             Line::Damaged(number, what) => self.faults.count(number, Refusal::new(FaultKind::GzipDamaged, what)),
         }
@@ -133,7 +151,7 @@ impl Surveyor {
 
     fn event(&mut self, line: u64, class: Class, pose: Option<Pose2>, stamp_ns: Option<u64>, weight: usize) {
         if stamp_ns.is_none() {
-            self.faults.count(line, Refusal::new(FaultKind::BadStamp, "the third word from the end"));
+            self.faults.count(line, Refusal::new(FaultKind::BadStamp, self.dialect.stamp_place()));
         }
         let (rank, source) = match class {
             Class::Odometry => (Rank::Odometry, Source::ODOMETRY),
@@ -175,7 +193,7 @@ impl Surveyor {
             return Err(LogError::TooManySonars { path: path.to_path_buf(), line, count });
         }
         if kinds.is_empty() {
-            return Err(no_readings(path, &faults));
+            return Err(no_readings(path, &self.dialect, &faults));
         }
         let odometry_from = if self.events.lines(Class::Odometry) > 0 {
             None
@@ -183,7 +201,7 @@ impl Surveyor {
             // The most poses; at equal numbers the kind that comes first.
             let poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind));
             let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0);
-            Some(*most.ok_or_else(|| no_odometry(path, &faults))?)
+            Some(*most.ok_or_else(|| no_odometry(path, &self.dialect, &faults))?)
         };
         let Sensors { robot, used, remarks } =
             robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit)
@@ -193,7 +211,7 @@ impl Surveyor {
             self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
         Ok(LogSurvey {
-            format: LogFormat::CarmenLog,
+            format: self.dialect.format(),
             robot,
             odometry_count: self.events.poses(odometry),
             scan_count: used_records().map(|record| record.lines).sum(),
@@ -211,7 +229,7 @@ impl Surveyor {
             sha256: String::new(),
             params: self.params,
             byte_counts: Vec::new(),
-            plan: CarmenPlan { used, odometry_from },
+            plan: CarmenPlan { dialect: self.dialect, used, odometry_from },
         })
     }
 }
@@ -225,18 +243,18 @@ fn unusable_sensors(path: &Path, unusable: Unusable) -> LogError {
     }
 }
 
-fn no_odometry(path: &Path, faults: &[Fault]) -> LogError {
+fn no_odometry(path: &Path, dialect: &Dialect, faults: &[Fault]) -> LogError {
     LogError::NoOdometry {
         path: path.to_path_buf(),
-        expected: "ODOM lines, or FLASER, RLASER, ROBOTLASER or SONAR lines that carry a robot pose",
+        expected: dialect.odometry_lines(),
         first_fault: first_fault(faults),
     }
 }
 
-fn no_readings(path: &Path, faults: &[Fault]) -> LogError {
+fn no_readings(path: &Path, dialect: &Dialect, faults: &[Fault]) -> LogError {
     LogError::NoReadings {
         path: path.to_path_buf(),
-        expected: "FLASER, RLASER, ROBOTLASER, RAWLASER or SONAR lines",
+        expected: dialect.reading_lines(),
         first_fault: first_fault(faults),
     }
 }

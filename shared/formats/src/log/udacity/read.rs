@@ -25,7 +25,13 @@ pub fn read(
     let surveyed = [bytes(0), bytes(1)];
     let paths = [measurement_path.to_path_buf(), poses_path.to_path_buf()];
     let rows = Rows::new(measurement.take(bytes(0)), poses.take(bytes(1))).map_err(|error| failed(&paths, error))?;
-    Ok(LogReader(Box::new(UdacityReader { rows: Some(rows), surveyed, paths, timeline: EventLine::new(&survey.clock), places: 0 })))
+    Ok(LogReader(Box::new(UdacityReader {
+        rows: Some(rows),
+        surveyed,
+        paths,
+        timeline: EventLine::new(&survey.clock),
+        places: 0,
+    })))
 }
 
 struct UdacityReader<M: Read, P: Read> {

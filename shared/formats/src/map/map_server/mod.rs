@@ -13,6 +13,7 @@
 //! the probability: a known cell between the thresholds becomes unknown. `raw` and `scale` keep it
 //! to 1 % and 0.4 %.
 
+mod entries;
 mod read;
 mod write;
 mod yaml;

@@ -1,13 +1,14 @@
-//! The YAML of a map: a flat list of keys, read by a small strict parser.
+//! What the YAML of a map says.
 //!
-//! Understood: `key: value` lines, comments, a leading `---`, quoted strings, and the origin as
-//! `[x, y, yaw]` or as three `- number` lines. That is all that map savers write.
+//! Any YAML 1.2 is understood (see [`super::entries`]); keys that a map has no use for are ignored.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::entries::{Entry, entries};
 use crate::near::near_word;
+use crate::text::shortened;
 
 /// How the pixels of a map are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -57,13 +58,15 @@ pub struct MapYaml {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum YamlError {
-    /// A line that is none of the expected.
-    #[error("line {line}: \"{text}\": expected `key: value`")]
+    /// A line that is no YAML, or not what a map's YAML is made of.
+    #[error("line {line}: \"{text}\": {what}; expected `key: value`")]
     Line {
         /// Counted from 1.
         line: usize,
         /// The line, shortened.
         text: String,
+        /// What is wrong with it.
+        what: String,
     },
     /// A value that can't be.
     #[error("line {line}: {key} is \"{value}\"; expected {expected}")]
@@ -103,15 +106,6 @@ pub enum YamlError {
 
 const BYTES_MAX: usize = 65_536;
 
-/// A key with its value, as text.
-struct Entry {
-    line: usize,
-    key: String,
-    value: String,
-    /// `- item` lines that follow.
-    items: Vec<String>,
-}
-
 impl MapYaml {
     /// Reads a YAML. Keys that a map has no use for are ignored.
     ///
@@ -122,19 +116,23 @@ impl MapYaml {
             return Err(YamlError::TooLong { bytes: text.len() });
         }
         let entries = entries(text)?;
-        let find = |key: &'static str| entries.iter().find(|entry| entry.key == key);
+        let find = |key: &'static str| entries.iter().find(|entry| &*entry.key == key);
         let need = |key: &'static str| {
             find(key).ok_or_else(|| {
-                let unknown = entries.iter().map(|entry| entry.key.as_str()).filter(|key| !KEYS.contains(key));
+                let unknown = entries.iter().map(|entry| &*entry.key).filter(|key| !KEYS.contains(key));
                 YamlError::Missing { key, near: near_word(key, unknown).map(ToOwned::to_owned) }
             })
         };
-        let image = need("image")?;
-        if image.value.is_empty() {
-            return Err(image.wrong("image", "a file name"));
-        }
+        let image_entry = need("image")?;
+        let image = image_entry
+            .text()
+            .map(str::trim_end)
+            .filter(|image| !image.is_empty())
+            .ok_or_else(|| image_entry.wrong("image", "a file name"))?;
         let resolution = need("resolution")?;
-        let resolution_m = number(&resolution.value)
+        let resolution_m = resolution
+            .text()
+            .and_then(number)
             .filter(|metres| (1e-6..1e6).contains(metres))
             .ok_or_else(|| resolution.wrong("resolution", "metres per pixel, above 0"))?;
         let origin_entry = need("origin")?;
@@ -142,24 +140,22 @@ impl MapYaml {
             origin(origin_entry).ok_or_else(|| origin_entry.wrong("origin", "[x, y, yaw] in metres and radians"))?;
         let negate = match find("negate") {
             None => false,
-            Some(entry) => match entry.value.as_str() {
-                "0" | "false" | "False" | "no" => false,
-                "1" | "true" | "True" | "yes" => true,
-                _ => return Err(entry.wrong("negate", "0 or 1")),
-            },
+            Some(entry) => entry.text().and_then(truth).ok_or_else(|| entry.wrong("negate", "0 or 1"))?,
         };
         let mode = match find("mode") {
             None => MapMode::Trinary,
-            Some(entry) => match entry.value.as_str() {
-                "trinary" => MapMode::Trinary,
-                "scale" => MapMode::Scale,
-                "raw" => MapMode::Raw,
+            Some(entry) => match entry.text() {
+                Some("trinary") => MapMode::Trinary,
+                Some("scale") => MapMode::Scale,
+                Some("raw") => MapMode::Raw,
                 _ => return Err(entry.wrong("mode", "trinary, scale or raw")),
             },
         };
         let threshold = |key: &'static str| {
             let entry = need(key)?;
-            number(&entry.value)
+            entry
+                .text()
+                .and_then(number)
                 .filter(|threshold| (0.0..=1.0).contains(threshold))
                 .ok_or_else(|| entry.wrong(key, "a number from 0 to 1"))
         };
@@ -167,7 +163,7 @@ impl MapYaml {
         if free_thresh > occupied_thresh {
             return Err(need("free_thresh")?.wrong("free_thresh", "at most occupied_thresh"));
         }
-        Ok(Self { image: image.value.clone(), resolution_m, origin, negate, occupied_thresh, free_thresh, mode })
+        Ok(Self { image: image.to_owned(), resolution_m, origin, negate, occupied_thresh, free_thresh, mode })
     }
 }
 
@@ -176,12 +172,7 @@ const KEYS: [&str; 7] = ["image", "resolution", "origin", "negate", "occupied_th
 impl fmt::Display for MapYaml {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [x, y, yaw] = self.origin;
-        // JSON strings are YAML strings.
-        let image = if self.image.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"._-/".contains(&byte)) {
-            self.image.clone()
-        } else {
-            format!("\"{}\"", self.image.replace('\\', "\\\\").replace('"', "\\\""))
-        };
+        let image = if is_plain(&self.image) { self.image.clone() } else { quoted(&self.image) };
         writeln!(f, "image: {image}")?;
         writeln!(f, "mode: {}", self.mode.name())?;
         writeln!(f, "resolution: {:?}", self.resolution_m)?;
@@ -194,65 +185,42 @@ impl fmt::Display for MapYaml {
 
 impl Entry {
     fn wrong(&self, key: &'static str, expected: &'static str) -> YamlError {
-        let value = if self.items.is_empty() { self.value.clone() } else { format!("[{}]", self.items.join(", ")) };
-        YamlError::Value { line: self.line, key, value: short(&value), expected }
+        YamlError::Value { line: self.line, key, value: shortened(&self.value.to_string()), expected }
     }
 }
 
-fn entries(text: &str) -> Result<Vec<Entry>, YamlError> {
-    let mut entries: Vec<Entry> = Vec::new();
-    for (number, raw) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let line = number + 1;
-        let content = without_comment(raw).trim_end();
-        if content.trim().is_empty() || content == "---" || content == "..." || content.starts_with('%') {
-            continue;
-        }
-        let wrong = || YamlError::Line { line, text: short(raw) };
-        if let Some(item) = content.trim_start().strip_prefix("- ") {
-            entries.last_mut().filter(|entry| entry.value.is_empty()).ok_or_else(wrong)?.items.push(unquote(item));
-            continue;
-        }
-        let (key, value) = content.split_once(':').ok_or_else(wrong)?;
-        if key.is_empty() || key.starts_with(char::is_whitespace) || !(value.is_empty() || value.starts_with(' ')) {
-            // Indented lines belong to some nested key that a map has no use for.
-            if key.starts_with(char::is_whitespace) && !entries.is_empty() {
-                continue;
+/// Whether a text needs no quotes, and no reader takes it for anything but a text.
+fn is_plain(text: &str) -> bool {
+    let is_usual = |byte: u8| byte.is_ascii_alphanumeric() || b"._-/".contains(&byte);
+    let begins = text.bytes().next().is_some_and(|byte| byte.is_ascii_alphanumeric() || b"./".contains(&byte));
+    let is_word = |word: &str| truth(word).is_some() || word.eq_ignore_ascii_case("null");
+    begins && text.bytes().all(is_usual) && number(text).is_none() && !is_word(text)
+}
+
+/// A text in double quotes.
+fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            // What ends a line in some YAML, and what is not seen.
+            '\u{2028}' | '\u{2029}' | '\u{feff}' | '\u{fffe}' | '\u{ffff}' => {
+                quoted += &format!("\\u{:04x}", u32::from(c))
             }
-            return Err(wrong());
+            c if c.is_control() => quoted += &format!("\\x{:02x}", u32::from(c)),
+            c => quoted.push(c),
         }
-        let key = unquote(key);
-        if entries.iter().any(|entry| entry.key == key) {
-            return Err(YamlError::Twice { line, key: short(&key) });
-        }
-        entries.push(Entry { line, key, value: unquote(value), items: Vec::new() });
     }
-    Ok(entries)
+    quoted + "\""
 }
 
-/// A `#` begins a comment at the beginning of a line or after a blank, outside quotes.
-fn without_comment(line: &str) -> &str {
-    let (mut quote, mut before) = (None, ' ');
-    for (at, c) in line.char_indices() {
-        match (quote, c) {
-            (None, '#') if before.is_whitespace() => return line.get(..at).unwrap_or(line),
-            (None, '"' | '\'') if before.is_whitespace() => quote = Some(c),
-            (Some(open), _) if open == c && before != '\\' => quote = None,
-            _ => {}
-        }
-        before = c;
+/// Every word that YAML 1.1, which map_server reads, has for it.
+fn truth(text: &str) -> Option<bool> {
+    match text.to_ascii_lowercase().as_str() {
+        "1" | "true" | "yes" | "on" | "y" => Some(true),
+        "0" | "false" | "no" | "off" | "n" => Some(false),
+        _ => None,
     }
-    line
-}
-
-fn unquote(text: &str) -> String {
-    let text = text.trim();
-    if let Some(inner) = text.strip_prefix('"').and_then(|inner| inner.strip_suffix('"')) {
-        return inner.replace("\\\"", "\"").replace("\\\\", "\\");
-    }
-    if let Some(inner) = text.strip_prefix('\'').and_then(|inner| inner.strip_suffix('\'')) {
-        return inner.replace("''", "'");
-    }
-    text.to_owned()
 }
 
 fn number(text: &str) -> Option<f64> {
@@ -260,18 +228,9 @@ fn number(text: &str) -> Option<f64> {
 }
 
 fn origin(entry: &Entry) -> Option<[f64; 3]> {
-    let parts: Vec<&str> = if entry.items.is_empty() {
-        entry.value.strip_prefix('[')?.strip_suffix(']')?.split(',').collect()
-    } else {
-        entry.items.iter().map(String::as_str).collect()
-    };
-    let numbers = parts.into_iter().map(number).collect::<Option<Vec<_>>>()?;
+    let numbers = entry.items()?.map(|item| item.and_then(number)).collect::<Option<Vec<_>>>()?;
     let origin: [f64; 3] = numbers.try_into().ok()?;
     origin.into_iter().all(|number| number.abs() < 1e9).then_some(origin)
-}
-
-fn short(text: &str) -> String {
-    text.chars().take(60).collect()
 }
 
 #[cfg(test)]
@@ -291,6 +250,54 @@ mod tests {
                      - 0.0\nnegate: 1\noccupied_thresh: 0.65\nfree_thresh: 0.196\nframe_id: map\n";
         let map = MapYaml::parse(block).unwrap();
         assert_eq!((map.image.as_str(), map.origin, map.negate), ("a # b.pgm", [-12.8, -4.7, 0.0], true));
+    }
+
+    #[test]
+    fn what_other_tools_write() {
+        let plain = MapYaml::parse(NAV2).unwrap();
+        let json = "{\"image\": \"depot.pgm\", \"mode\": \"trinary\", \"resolution\": 0.05,\n \"origin\": [0.0, 0.0, 0],\
+                    \"negate\": 0, \"occupied_thresh\": 0.65, \"free_thresh\": 0.25}";
+        let check = |text: &str| assert_eq!(MapYaml::parse(text).as_ref(), Ok(&plain), "{text}");
+        check(json);
+        let with = |from: &str, to: &str| check(&NAV2.replace(from, to));
+        with("[0.0, 0.0, 0]", "[0.0,\n         0.0,\n         0] # x, y, yaw");
+        with("[0.0, 0.0, 0]", "[ 0.0, 0.0, 0,\n]");
+        with("[0.0, 0.0, 0]", "\n  - 0.0\n  - 0e0\n  - .0\n");
+        check(&NAV2.replace(": ", ":\t"));
+        check(&NAV2.replace(": ", ": \t "));
+        check(&NAV2.replace(": ", ":   "));
+        with("image: depot.pgm", "image: >-\n  depot.pgm");
+        with("image: depot.pgm", "image: |\n  depot.pgm");
+        with("image: depot.pgm", "'image' : \"de\\x70ot.pgm\"");
+        with("image: depot.pgm", "? image\n: !!str depot.pgm");
+        with("resolution: 0.05", "resolution: &r 5.0e-2\ncell: *r");
+        with("resolution: 0.05", "cell: &r\n  size: 1\nresolution: .05");
+        with("resolution: 0.05", "cell: &r +0.05\nresolution: *r");
+        with("negate: 0", "negate: False");
+        with("negate: 0", "negate: off");
+        with("negate: 0\n", "");
+        check(&format!("%YAML 1.2\n# written by hand\n---\n{NAV2}...\n"));
+        check(&format!("\u{feff}{NAV2}---\n").replace('\n', "\r\n"));
+    }
+
+    #[test]
+    fn not_a_map() {
+        let check = |text: &str, expected: &str| {
+            let error = MapYaml::parse(text).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        };
+        check("", "there is no image");
+        check("- a\n- b\n", "line 1: \"- a\": a list");
+        check("just words", "line 1: \"just words\": one value");
+        check(&format!("{NAV2}---\nimage: other.pgm\n"), "line 9: \"image: other.pgm\": a second document");
+        check("image: [a\nresolution: 1", "line ");
+        check(&NAV2.replace("depot.pgm", "[a, b]"), "line 1: image is \"[a, b]\"; expected a file name");
+        check(&NAV2.replace("depot.pgm", "{a: b}"), "line 1: image is \"{…}\"; expected a file name");
+        check(&NAV2.replace("depot.pgm", ""), "line 1: image is \"\"; expected a file name");
+        check(&NAV2.replace("[0.0, 0.0, 0]", "[0, [0], 0]"), "line 4: origin is \"[0, […], 0]\"");
+        check(&NAV2.replace("[0.0, 0.0, 0]", "*start"), "line 4: ");
+        check(&NAV2.replace("0.05", ".inf"), "line 3: resolution is \".inf\"");
+        check(&NAV2.replace("\"image\"", "image").replace("image", "{\"image\""), "line ");
     }
 
     #[test]

@@ -33,6 +33,7 @@ pub use write::encode;
 pub(super) use write::section;
 
 use super::{MapDocument, MapError};
+use crate::read_at_most;
 use crate::whole_file::write_whole;
 
 /// The first bytes of a native map.
@@ -72,6 +73,6 @@ pub fn write(path: &Path, document: &MapDocument) -> Result<(), MapError> {
 /// # Errors
 /// When the file can't be read, or is cut, damaged, made by a newer version, or no native map.
 pub fn read(path: &Path) -> Result<MapDocument, MapError> {
-    let bytes = std::fs::read(path).map_err(|source| MapError::read(path, source))?;
+    let bytes = read_at_most(path, u64::MAX - 1).map_err(|source| MapError::read(path, source))?;
     decode(&bytes).map_err(|source| MapError::Native { path: path.to_path_buf(), source })
 }

@@ -1,0 +1,217 @@
+//! A table with a header: one row is where the robot was, and what its sensors said then.
+//!
+//! | column | what it holds |
+//! |---|---|
+//! | `t`, `time`, `stamp`, `timestamp` | seconds; `_ms`, `_us` or `_ns` after the name says otherwise |
+//! | `x`, `y` | metres; `_cm` or `_mm` |
+//! | `theta`, `yaw`, `heading` | radians; `_deg` |
+//! | `v`, `w` | m/s and rad/s; may be missing |
+//! | `r0`, `r1` … | beams of a lidar on the base, from right to left as in `FLASER`: `_m` or nothing, `_cm`, `_mm` |
+//! | `sonar_B` | a sonar on the base that looks to B degrees, counter-clockwise from ahead; cone 30°; units as of beams |
+//!
+//! Commas, semicolons or tabs part the columns; other columns are not used. A row whose ranges are all blank is odometry.
+
+use core::f64::consts::FRAC_PI_6;
+
+use echogrid_core::{POSITION_MAX_M, Pose2};
+
+use crate::log::carmen::message::{Message, ScanKind, ScanLine, Shape};
+use crate::log::carmen::plain_fan;
+use crate::log::fault::{FaultKind, Refusal};
+use crate::log::parse_stamp_ns;
+
+/// Columns that are told apart.
+const COLUMNS_MAX: usize = 65_536;
+const NUMBER_MAX: f64 = 1e6;
+
+/// What the header says.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Columns {
+    separator: char,
+    header: String,
+    count: usize,
+    stamp: (usize, u64),
+    x: (usize, f64),
+    y: (usize, f64),
+    theta: (usize, f64),
+    v: Option<usize>,
+    w: Option<usize>,
+    beams: Vec<(usize, f64)>,
+    /// Column, unit and where it looks.
+    sonars: Vec<(usize, f64, Pose2)>,
+}
+
+impl Columns {
+    /// Those of a table, if the first line that is neither blank nor a comment is a header with a stamp and a pose.
+    pub(super) fn of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Self> {
+        let header = lines.find(|line| is_row(line))?.trim();
+        let separator = [',', ';', '\t'].into_iter().find(|separator| header.contains(*separator))?;
+        let names: Vec<String> = header.split(separator).map(plain_name).collect();
+        if names.len() > COLUMNS_MAX {
+            return None;
+        }
+        let find = |wanted: &[&str], units: &[(&str, f64)]| {
+            names.iter().enumerate().find_map(|(at, name)| {
+                let (name, unit) = with_unit(name, units);
+                wanted.contains(&name).then_some((at, unit))
+            })
+        };
+        let stamps = [("_ns", 1.0), ("_us", 1e3), ("_ms", 1e6), ("_s", 1e9)];
+        let stamp = find(&["t", "time", "stamp", "timestamp"], &stamps)?;
+        let ns = if stamp.1 == 1.0 && !names.get(stamp.0)?.ends_with("_ns") { 1e9 } else { stamp.1 };
+        let mut columns = Self {
+            separator,
+            header: header.to_owned(),
+            count: names.len(),
+            stamp: (stamp.0, ns as u64),
+            x: find(&["x"], &LENGTHS)?,
+            y: find(&["y"], &LENGTHS)?,
+            theta: find(&["theta", "yaw", "heading"], &[("_rad", 1.0), ("_deg", 1_f64.to_radians())])?,
+            v: find(&["v"], &[("_mps", 1.0)]).map(|(at, _)| at),
+            w: find(&["w"], &[("_radps", 1.0)]).map(|(at, _)| at),
+            beams: Vec::new(),
+            sonars: Vec::new(),
+        };
+        for (at, name) in names.iter().enumerate() {
+            let (name, unit) = with_unit(name, &LENGTHS);
+            if let Some(bearing) = name.strip_prefix("sonar_").and_then(|bearing| bearing.parse::<f64>().ok()) {
+                if bearing.abs() <= 360.0 {
+                    columns.sonars.push((at, unit, Pose2::new(0.0, 0.0, bearing.to_radians())));
+                }
+            } else if name.strip_prefix('r').is_some_and(|number| number.parse::<u16>().is_ok()) {
+                columns.beams.push((at, unit));
+            }
+        }
+        let has_ranges = !(columns.beams.is_empty() && columns.sonars.is_empty());
+        has_ranges.then_some(columns)
+    }
+
+    /// The odometry of a row, then its readings.
+    pub(super) fn parse(&self, line: &[u8], take: &mut dyn FnMut(Message<'_>)) -> Result<(), Refusal> {
+        let text = core::str::from_utf8(line)
+            .map_err(|_| Refusal::new(FaultKind::NotUtf8, String::from_utf8_lossy(line.get(..200).unwrap_or(line))))?;
+        if !is_row(text) || text.trim() == self.header {
+            return Ok(());
+        }
+        let cells: Vec<&str> = text.split(self.separator).map(|cell| cell.trim().trim_matches('"')).collect();
+        match cells.len() {
+            more if more > self.count => return Err(Refusal::new(FaultKind::ExtraWords, text)),
+            fewer if fewer < self.count => return Err(Refusal::new(FaultKind::Truncated, text)),
+            _ => {}
+        }
+        let cell = |at: usize| cells.get(at).copied().unwrap_or_default();
+        let number = |at: usize, unit: f64, most: f64, beyond: FaultKind| {
+            let value: f64 = cell(at).parse().map_err(|_| Refusal::new(FaultKind::BadNumber, cell(at)))?;
+            match value * unit {
+                value if !value.is_finite() => Err(Refusal::new(FaultKind::NotFinite, cell(at))),
+                value if value.abs() > most => Err(Refusal::new(beyond, cell(at))),
+                value => Ok(value),
+            }
+        };
+        let place = |(at, unit): (usize, f64)| number(at, unit, POSITION_MAX_M, FaultKind::AbsurdPose);
+        let theta = number(self.theta.0, self.theta.1, NUMBER_MAX, FaultKind::AbsurdPose)?;
+        let odom_from_base = Pose2::new(place(self.x)?, place(self.y)?, theta);
+        let speed = |at: Option<usize>| at.map_or(Ok(0.0), |at| number(at, 1.0, 1e3, FaultKind::AbsurdVelocity));
+        let (v_mps, w_radps) = (speed(self.v)?, speed(self.w)?);
+        let range = |at: usize, unit: f64| match cell(at) {
+            "" => Ok(f64::NAN),
+            word => word.parse::<f64>().map(|range| range * unit).map_err(|_| Refusal::new(FaultKind::BadNumber, word)),
+        };
+        let beams = self.beams.iter().map(|(at, unit)| range(*at, *unit)).collect::<Result<Vec<f64>, _>>()?;
+        let sonars = self.sonars.iter().map(|(at, unit, _)| range(*at, *unit)).collect::<Result<Vec<f64>, _>>()?;
+        let stamp_ns = self.stamp_ns(cell(self.stamp.0));
+        take(Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns });
+        let (first_bearing_rad, bearing_step_rad) = plain_fan(beams.len());
+        let fan = Shape::Fan { first_bearing_rad, bearing_step_rad, range_max_m: None };
+        let mounts = self.sonars.iter().map(|(_, _, mount)| *mount).collect();
+        let ring = Shape::Ring { aperture_rad: FRAC_PI_6, base_from_sonar: mounts };
+        for (kind, shape, ranges) in [(ScanKind::Front, fan, beams), (ScanKind::Sonar, ring, sonars)] {
+            if !ranges.iter().all(|range| range.is_nan()) {
+                take(Message::Scan(ScanLine { kind, shape, ranges, carried: None, stamp_ns, oddities: Vec::new() }));
+            }
+        }
+        Ok(())
+    }
+
+    /// Exact to the last digit, whatever the unit.
+    fn stamp_ns(&self, word: &str) -> Option<u64> {
+        match self.stamp.1 {
+            1_000_000_000 => parse_stamp_ns(word),
+            // Whole or decimal units: the digits before and after the point apart.
+            unit => {
+                let (whole, fraction) = word.split_once('.').unwrap_or((word, ""));
+                let fraction: f64 = if fraction.is_empty() { 0.0 } else { format!("0.{fraction}").parse().ok()? };
+                whole.parse::<u64>().ok()?.checked_mul(unit)?.checked_add((fraction * unit as f64) as u64)
+            }
+        }
+        .filter(|stamp_ns| *stamp_ns < 10_000_000_000 * 1_000_000_000)
+    }
+}
+
+const LENGTHS: [(&str, f64); 3] = [("_mm", 0.001), ("_cm", 0.01), ("_m", 1.0)];
+
+fn is_row(line: &str) -> bool {
+    !line.trim().is_empty() && !line.trim_start().starts_with('#')
+}
+
+fn plain_name(name: &str) -> String {
+    name.trim().trim_matches('"').trim().to_ascii_lowercase()
+}
+
+/// A name without its unit, and what one of it is.
+fn with_unit<'n>(name: &'n str, units: &[(&str, f64)]) -> (&'n str, f64) {
+    let found = units.iter().find_map(|(unit, one)| name.strip_suffix(unit).map(|name| (name, *one)));
+    found.unwrap_or((name, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn messages(text: &str) -> Vec<String> {
+        let columns = Columns::of(text.lines()).unwrap();
+        let mut found = Vec::new();
+        for line in text.lines() {
+            let mut take = |message: Message<'_>| {
+                found.push(match message {
+                    Message::Odometry { odom_from_base: Pose2 { x, y, theta }, stamp_ns, .. } => {
+                        format!("odometry {x:.3} {y:.3} {theta:.3} {stamp_ns:?}")
+                    }
+                    Message::Scan(scan) => format!("{:?} {:?}", scan.kind, scan.ranges),
+                    other => format!("{other:?}"),
+                });
+            };
+            if let Err(refusal) = columns.parse(line.as_bytes(), &mut take) {
+                found.push(format!("{:?}", refusal.kind));
+            }
+        }
+        found
+    }
+
+    #[test]
+    fn units_are_in_the_names() {
+        let text = "# made by hand\nTime_ms; X_cm;y_cm;Heading_deg;r0_mm;r1_mm;battery\n1500.5;100;-50;90;1000;;7\n";
+        assert_eq!(messages(text), ["odometry 1.000 -0.500 1.571 Some(1500500000)", "Front [1.0, NaN]"]);
+        let text = "t,x,y,theta,sonar_-90,sonar_37.5\n0.25,1,2,3,4,5\n0.5,1,2,3,,\n";
+        let expected = [
+            "odometry 1.000 2.000 3.000 Some(250000000)",
+            "Sonar [4.0, 5.0]",
+            "odometry 1.000 2.000 3.000 Some(500000000)",
+        ];
+        assert_eq!(messages(text), expected);
+    }
+
+    #[test]
+    fn rows_that_are_wrong() {
+        let text = "t,x,y,theta,r0\n1,2,3\n1,2,3,4,5,6\n1,x,3,4,5\n1,nan,3,4,5\n1,1e9,3,4,5\n-1,2,3,1,5\n";
+        let expected = ["Truncated", "ExtraWords", "BadNumber", "NotFinite", "AbsurdPose"];
+        assert_eq!(messages(text), [&expected[..], &["odometry 2.000 3.000 1.000 None", "Front [5.0]"]].concat());
+    }
+
+    #[test]
+    fn a_table_without_a_pose_or_ranges_is_none() {
+        for text in ["", "t,x,y\n", "t,x,y,theta\n", "x,y,theta,r0\n", "t x y theta r0\n"] {
+            assert_eq!(Columns::of(text.lines()), None, "{text}");
+        }
+    }
+}
