@@ -6,7 +6,7 @@ use core::fmt::Debug;
 
 use echogrid_core::{Reading, Robot, Verdict};
 use echogrid_topics::wire::{
-    ControlRequestWire, EstimateWire, Field, FixWire, HealthWire, LocalizationRequestWire, MapInfoWire,
+    ControlRequestWire, EstimateWire, Field, FixWire, HealthWire, IncidentsWire, LocalizationRequestWire, MapInfoWire,
     OdometryRawWire, ReadingWire, RobotWire, SensorWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
 };
 use echogrid_topics::{
@@ -50,6 +50,7 @@ fn check_numbers(fields: &[Field], bytes: &[u8]) {
                 let sensors = at.chunks_exact(size_of::<SensorWire>()).take(count);
                 sensors.for_each(|bytes| check_numbers(SensorWire::FIELDS, bytes));
             }
+            "IncidentsWire" => check_numbers(IncidentsWire::FIELDS, at),
             "EstimateWire" => check_numbers(EstimateWire::FIELDS, at),
             "u8" | "u16" | "u32" | "u64" | "i32" | "AckWire" => {}
             other => panic!("{name} is of a type that nobody checks: {other}"),

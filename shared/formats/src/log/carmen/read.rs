@@ -21,6 +21,7 @@ pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey)
     let lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
     Ok(LogReader(Box::new(CarmenReader {
         lines: Some(lines),
+        shrunk: None,
         surveyed,
         path: path.to_path_buf(),
         plan: survey.plan.clone(),
@@ -29,6 +30,8 @@ pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey)
 }
 
 struct CarmenReader<R: Read> {
+    /// What is said after the last event.
+    shrunk: Option<LogError>,
     /// None after their end.
     lines: Option<Lines<R>>,
     /// Bytes of the file when it was surveyed.
@@ -46,7 +49,7 @@ impl<R: Read> Iterator for CarmenReader<R> {
             if let Some(event) = self.timeline.pop() {
                 return Some(Ok(event));
             }
-            let lines = self.lines.as_mut()?;
+            let Some(lines) = &mut self.lines else { return self.shrunk.take().map(Err) };
             match lines.next() {
                 // What is refused has been counted by the survey.
                 Ok(Some(Line::Bytes(number, bytes))) => {
@@ -60,10 +63,7 @@ impl<R: Read> Iterator for CarmenReader<R> {
                 Ok(Some(Line::TooLong(_) | Line::Damaged(..))) => {}
                 Ok(None) => {
                     self.timeline.finish();
-                    let whole = self.lines.take()?.check_whole(&self.path, self.surveyed);
-                    if let Err(shrunk) = whole {
-                        return Some(Err(shrunk));
-                    }
+                    self.shrunk = self.lines.take()?.check_whole(&self.path, self.surveyed).err();
                 }
                 Err(source) => {
                     self.lines = None;

@@ -27,6 +27,7 @@ pub fn read(
     let rows = Rows::new(measurement.take(bytes(0)), poses.take(bytes(1))).map_err(|error| failed(&paths, error))?;
     Ok(LogReader(Box::new(UdacityReader {
         rows: Some(rows),
+        shrunk: None,
         surveyed,
         paths,
         timeline: EventLine::new(&survey.clock),
@@ -35,6 +36,8 @@ pub fn read(
 }
 
 struct UdacityReader<M: Read, P: Read> {
+    /// What is said after the last event.
+    shrunk: Option<LogError>,
     /// None after their end.
     rows: Option<Rows<M, P>>,
     /// Bytes of both files when they were surveyed.
@@ -53,7 +56,7 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
             if let Some(event) = self.timeline.pop() {
                 return Some(Ok(event));
             }
-            let rows = self.rows.as_mut()?;
+            let Some(rows) = &mut self.rows else { return self.shrunk.take().map(Err) };
             match rows.next() {
                 Ok(Some(Next::Row(row))) => {
                     self.places += 1;
@@ -63,10 +66,7 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
                 Ok(Some(Next::Refused(..))) => {}
                 Ok(None) => {
                     self.timeline.finish();
-                    let whole = self.rows.take()?.check_whole(&self.paths, self.surveyed);
-                    if let Err(shrunk) = whole {
-                        return Some(Err(shrunk));
-                    }
+                    self.shrunk = self.rows.take()?.check_whole(&self.paths, self.surveyed).err();
                 }
                 Err(error) => {
                     self.rows = None;
