@@ -1,7 +1,7 @@
 //! Clocks of logs as robots have them: set, frozen, coarse, without stamps. The path must be the file's, and every scan must
 //! be at the pose that the file has it at.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
 
 use std::fmt::Write as _;
 use std::io::Cursor;
