@@ -48,24 +48,29 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
         output.end(odometry(steps).0)?;
         output.ring()?;
     }
-    // Nobody will ever say that a stream of another run has been read.
-    while off == 0 && runtime.stop().is_none() && !outputs[1..].iter().all(Output::is_drained) {
-        hear(&mut runtime, &mut health, &mut outputs)?;
+    // Nobody will ever say that a stream of another run has been read, only that it was refused.
+    let mut refused = false;
+    while runtime.stop().is_none() && !refused && !(off == 0 && outputs[1..].iter().all(Output::is_drained)) {
+        refused = hear(&mut runtime, &mut health, &mut outputs)? && off != 0;
     }
     runtime.finish()?;
     Ok(ExitCode::SUCCESS)
 }
 
-fn hear(runtime: &mut Runtime, health: &mut Input, outputs: &mut [Output]) -> Result<()> {
+/// Listens to what the others say of themselves; whether somebody refused a message.
+fn hear(runtime: &mut Runtime, health: &mut Input, outputs: &mut [Output]) -> Result<bool> {
     runtime.attend(LONG)?;
     health.hush()?;
+    let mut refused = false;
     while let Some(received) = health.receive()? {
         if let Received::Message(_, Message::Health(health)) = received {
+            refused |= health.faults > 0;
             outputs.iter_mut().for_each(|output| {
                 output.note(&health);
             });
         }
     }
     // Who came late is to hear what the robot looks like.
-    Ok(outputs.iter_mut().try_for_each(Output::welcome)?)
+    outputs.iter_mut().try_for_each(Output::welcome)?;
+    Ok(refused)
 }
