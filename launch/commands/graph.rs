@@ -47,9 +47,6 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let config = loaded.config();
     // What is wrong with the log is said before anything is started.
     let surveyed = Instant::now();
-    if plays_log(config) {
-        check_rereadable(&config.replay.log)?;
-    }
     let survey =
         plays_log(config).then(|| log::survey_with(&config.replay.log, config.replay.survey_options())).transpose()?;
     if let Some(survey) = survey.as_ref().filter(|_| config.localizer.needs_truth()) {
@@ -236,17 +233,6 @@ pub fn provenance(config: &Config, survey: Option<&LogSurvey>) -> Result<Provena
         log_sha256: survey.map(|survey| survey.sha256.clone()),
         config_toml: config.provenance_toml(survey.map(|survey| &survey.robot))?,
     })
-}
-
-/// A log is read twice, by the launcher and by the sensor, and once more by a sensor that is started again.
-fn check_rereadable(log: &Path) -> Result<()> {
-    let is_stream = std::fs::metadata(log).is_ok_and(|meta| !meta.is_file() && !meta.is_dir());
-    ensure!(
-        !is_stream,
-        "{}: a pipe or device can be read only once; expected a file (save it first: cat PIPE > drive.log)",
-        log.display()
-    );
-    Ok(())
 }
 
 /// An output directory that can't be written is said now, not after the drive; and so is a folder where a file would be.

@@ -144,6 +144,17 @@ fn lines_without_stamps_stay_beside_their_neighbours() {
     }
 }
 
+/// Stamps that look like stamps, but would have the robot jump to and fro.
+#[test]
+fn stamps_that_make_detours_do_not_count() {
+    // A number between -1 and 1 that looks like noise.
+    let noise = |tenth: u32| f64::from((tenth * 7919 + 13) % 1999 * 1009 % 2000) / 1000.0 - 1.0;
+    for by in [0.1, 0.15, 0.3, 0.5, 0.8, 1.5] {
+        check(&format!("jitter of {by} s"), 900, |tenth| format!("{:.6}", seconds(tenth) + by * noise(tenth)));
+    }
+    check("a clock that runs backwards", 900, |tenth| format!("{:.6}", seconds(900 - tenth)));
+}
+
 /// As GMapping writes its corrected logs: after each scan its pose once more, without a stamp.
 #[test]
 fn a_corrected_log_has_its_scans_at_their_own_poses() {

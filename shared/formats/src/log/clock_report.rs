@@ -11,6 +11,8 @@ pub struct ClockReport {
     /// Whether the stamps are of no use at all: events keep the order of their lines, and stamps are made up, 0.1 s from one
     /// odometry line to the next, a scan at the stamp of the odometry line before it.
     pub order_only: bool,
+    /// By how much the way in the order of stamps was longer than in that of the file, where that made them useless; metres.
+    pub detour_m: f64,
     /// Messages in all.
     pub lines: u64,
     /// Messages without a usable stamp, which stay beside their neighbours in the file.
@@ -104,7 +106,11 @@ impl ClockReport {
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         if self.order_only {
-            return vec!["its stamps are of no use: only the order counts, 0.1 s from pose to pose".to_owned()];
+            let why = match self.detour_m {
+                0.0 => String::new(),
+                detour_m => format!(" (in their order the way would be {detour_m:.1} m longer)"),
+            };
+            return vec![format!("its stamps are of no use{why}: only the order counts, 0.1 s from pose to pose")];
         }
         let mut remarks = Vec::new();
         let mut say = |count: u64, remark: &dyn Fn() -> String| {

@@ -7,6 +7,10 @@ use echogrid_core::{Pose2, Sideways};
 use super::clock_report::ClockReport;
 use super::timeline::{ORDER_STEP_NS, TimedLine, Timeline};
 
+/// Stamps are wrong that make the way longer than that in the file's order by this factor, and so many metres.
+const LONGER: f64 = 1.02;
+const LONGER_M: f64 = 0.1;
+
 /// Events by class; the same order is made of them as when they are read.
 pub(crate) struct EventTally<C> {
     tracks: BTreeMap<C, Track>,
@@ -107,11 +111,17 @@ impl<C: Copy + Ord> EventTally<C> {
 
     /// Over the classes in use, with the odometry of one of them.
     pub(crate) fn summary(&self, odometry: C, in_use: impl Fn(C) -> bool) -> Summary {
-        let clock = self.timeline.report();
+        let mut clock = self.timeline.report();
         let tracks = || self.tracks.iter().filter(|(class, _)| in_use(**class)).map(|(_, track)| track);
         let Some(odometry) = self.tracks.get(&odometry) else {
             return Summary { clock, first_stamp_ns: 0, last_stamp_ns: 0, distance_m: 0.0 };
         };
+        let (by_stamp_m, by_line_m) = (odometry.in_stamp_order.metres, odometry.in_line_order.metres);
+        if !clock.order_only && by_stamp_m > LONGER * by_line_m + LONGER_M {
+            // Time takes no detours: stamps that make the robot jump to and fro are wrong, whatever they look like.
+            clock.order_only = true;
+            clock.detour_m = by_stamp_m - by_line_m;
+        }
         if clock.order_only {
             let begins_with_odometry =
                 odometry.first_pose.is_some_and(|pose| tracks().all(|track| track.first >= pose));
