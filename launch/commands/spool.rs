@@ -101,6 +101,7 @@ impl Spool {
     /// Removes what there is of it; last what says so.
     fn sweep(&self) -> Result<()> {
         let mut files = stores(&self.folder)?;
+        files.extend(unfinished(&self.folder)?);
         files.push(self.folder.join(RUN_FILE));
         for file in files {
             std::fs::remove_file(&file).with_context(|| file.display().to_string())?;
@@ -121,6 +122,16 @@ fn stores(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut stores: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_store).collect();
     stores.sort();
     Ok(stores)
+}
+
+/// What launchers had begun to write when they were killed.
+fn unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
+    let is_part = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with(".echogrid-") && name.ends_with(".part")
+    };
+    Ok(entries.flatten().map(|entry| entry.path()).filter(is_part).collect())
 }
 
 /// The first key that differs, and how.
@@ -163,6 +174,8 @@ mod tests {
         let coarser = config("[mapper]\nresolution_m = 0.1\n");
         assert!(told(open(true, 2, &coarser)).contains("mapper.resolution_m was 0.05, now it is 0.1"));
         std::fs::write(folder.join("mapper.redb"), "").unwrap();
+        // Of a launcher that was killed while it wrote.
+        std::fs::write(folder.join(".echogrid-Ab12.part"), "").unwrap();
         resumed.remove().unwrap();
         assert!(!folder.exists());
         // What a launcher left that died while it tidied up is no run.
