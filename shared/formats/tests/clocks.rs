@@ -155,6 +155,29 @@ fn stamps_that_make_detours_do_not_count() {
     check("a clock that runs backwards", 900, |tenth| format!("{:.6}", seconds(900 - tenth)));
 }
 
+#[test]
+fn scans_of_another_clock_are_told() {
+    let lagging = |by: f64| {
+        let log = drive(600, |tenth| format!("{:.6}", seconds(tenth)), None);
+        let late = |line: &str| {
+            let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+            let at = words.len() - 3;
+            let stamp: f64 = words[at].parse().unwrap();
+            words[at] = format!("{:.6}", stamp + by);
+            words.join(" ") + "\n"
+        };
+        let log: String =
+            log.lines().map(|line| if line.starts_with('F') { late(line) } else { line.to_owned() + "\n" }).collect();
+        read(&log).0.remarks.into_iter().find(|remark| remark.contains("its clock does not go with that of ODOM"))
+    };
+    assert_eq!((lagging(0.0), lagging(0.05)), (None, None));
+    for (by, told) in
+        [(-0.5, "0.50 s behind"), (-1.9, "1.90 s behind"), (0.5, "0.50 s ahead of"), (1.5, "1.50 s ahead of")]
+    {
+        assert!(lagging(by).is_some_and(|remark| remark.contains(told)), "{by}: {:?}", lagging(by));
+    }
+}
+
 /// As GMapping writes its corrected logs: after each scan its pose once more, without a stamp.
 #[test]
 fn a_corrected_log_has_its_scans_at_their_own_poses() {
