@@ -5,6 +5,8 @@
 //! - a line *without a usable stamp* (none, or 0 within a log that has others) takes that of the line before it;
 //! - a line *out of place* by up to [`WINDOW_NS`] keeps its stamp, and is put in order later;
 //! - a *stray*, farther off than that while the lines after it go on as before, counts as one without a stamp;
+//! - a *block* of lines of one source, as loggers write that buffer each source on its own, keeps its stamps, if no source runs
+//!   back on itself; it is put in order within [`SORT_NS`];
 //! - a *step*: the lines after it go on from the new stamp. Steps back and leaps of more than a day are the clock being set:
 //!   the file's order is kept, and later stamps are moved by as much. A shorter leap ahead is a pause, and kept.
 
@@ -12,17 +14,20 @@ use std::collections::{BTreeMap, VecDeque};
 
 use super::clock_report::{ClockReport, ClockStep, StepKind};
 use super::timeline::{Source, TimedLine};
+use super::track::Track;
 
 /// How late a line may come and still be put where its stamp says.
 pub(crate) const WINDOW_NS: u64 = 2_000_000_000;
-/// A jump ahead beyond this must be confirmed by the lines after it.
+/// How late a block of lines of one source may come and still be put where its stamps say.
+pub(crate) const SORT_NS: u64 = 20_000_000_000;
+/// A jump ahead beyond this is told.
 pub(crate) const LEAP_NS: u64 = 60_000_000_000;
 /// A leap ahead beyond this is no pause: the clock was set.
 const DAY_NS: u64 = 86_400_000_000_000;
 /// Made-up time between two lines of one source where the log shows no other.
 pub(crate) const DEFAULT_PERIOD_NS: u64 = 100_000_000;
 /// Lines, and readings, that may wait for what the lines after them say.
-const TRIAL_LINES: usize = 512;
+const TRIAL_LINES: usize = 1024;
 const TRIAL_WEIGHT: usize = 1 << 18;
 /// Offsets of the clock that it may return to.
 const OFFSETS_KEPT: usize = 4;
@@ -33,50 +38,14 @@ pub(crate) struct Stamped<T> {
     pub(crate) line: TimedLine<T>,
 }
 
-/// What is known of one source of messages.
-#[derive(Debug, Default)]
-struct Track {
-    last_ns: u64,
-    /// Stamps within the window, as they came.
-    recent: VecDeque<u64>,
-    /// Time that went by from stamp to stamp, gaps left out, and stamps.
-    flown_ns: u64,
-    count: u64,
-    strays: u64,
-}
-
-impl Track {
-    fn add(&mut self, stamp_ns: u64) {
-        let gap_ns = stamp_ns.saturating_sub(self.last_ns);
-        if self.count > 0 && gap_ns <= WINDOW_NS {
-            self.flown_ns += gap_ns;
-        }
-        self.count += 1;
-        self.last_ns = self.last_ns.max(stamp_ns);
-        self.recent.push_back(stamp_ns);
-        let from_ns = self.last_ns.saturating_sub(WINDOW_NS);
-        while self.recent.len() > TRIAL_LINES || self.recent.front().is_some_and(|oldest| *oldest < from_ns) {
-            self.recent.pop_front();
-        }
-    }
-
-    /// Typical time from one message to the next.
-    fn period_ns(&self) -> u64 {
-        if self.count < 2 || self.flown_ns == 0 {
-            return DEFAULT_PERIOD_NS;
-        }
-        (self.flown_ns / (self.count - 1)).max(1)
-    }
-}
-
 /// Why a line waits for those after it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Suspicion {
     /// Earlier than another of its source, but near.
     Late,
-    /// Earlier than it could be put in order.
+    /// Earlier than that.
     Back,
-    /// Far ahead.
+    /// Ahead of all before it, by more than a line may be late.
     Ahead,
 }
 
@@ -184,7 +153,7 @@ impl<T> Clock<T> {
         let last_ns = self.tracks.get(&line.source).map_or(0, |track| track.last_ns);
         self.suspicion = if stamp_ns.saturating_add(WINDOW_NS) < newest_ns {
             Suspicion::Back
-        } else if stamp_ns > newest_ns.saturating_add(LEAP_NS) {
+        } else if stamp_ns > newest_ns.saturating_add(WINDOW_NS) {
             Suspicion::Ahead
         } else if stamp_ns < last_ns {
             Suspicion::Late
@@ -255,19 +224,63 @@ impl<T> Clock<T> {
         let raw_ns = suspect.stamp_ns?;
         match self.suspicion {
             Suspicion::Late => self.verdict_of_late(suspect.source, raw_ns, is_last_word),
-            Suspicion::Back | Suspicion::Ahead => {
-                // Lines of the very same stamp share its fault.
-                let mut after = self.trial.iter().skip(1).filter_map(|line| line.stamp_ns);
-                let Some(next_ns) = after.find(|next| *next != 0 && *next != raw_ns) else {
-                    let same = self.trial.iter().filter(|line| line.stamp_ns == Some(raw_ns)).count();
-                    let verdict = if same > TRIAL_LINES / 2 { Verdict::Step } else { Verdict::Stray };
-                    return is_last_word.then_some(verdict);
-                };
-                let newest_ns = self.newest_ns.unwrap_or(0);
-                let from_old = self.at(next_ns).map_or(u64::MAX, |next| next.abs_diff(newest_ns));
-                Some(if next_ns.abs_diff(raw_ns) <= from_old { Verdict::Step } else { Verdict::Stray })
+            Suspicion::Back if self.is_new_to(suspect, raw_ns) => {
+                self.verdict_of_block(suspect.source, raw_ns, is_last_word)
             }
+            Suspicion::Back | Suspicion::Ahead => self.verdict_of_far(raw_ns, is_last_word),
         }
+    }
+
+    /// Whether the source of a line has told of nothing after it.
+    fn is_new_to(&self, line: &TimedLine<T>, raw_ns: u64) -> bool {
+        let last_ns = self.tracks.get(&line.source).map_or(0, |track| track.last_ns);
+        let at_ns = self.at(raw_ns).unwrap_or(0);
+        at_ns >= last_ns && at_ns.saturating_add(SORT_NS) >= self.newest_ns.unwrap_or(0)
+    }
+
+    /// Whether a line from long before the others, but of a source that does not run back on itself, begins a block that was
+    /// buffered, is a stray, or comes from a clock that was set back: then a source will run back on itself.
+    fn verdict_of_block(&self, source: Source, suspect_ns: u64, is_last_word: bool) -> Option<Verdict> {
+        let (mut block, mut last_ns) = (0_u64, 0);
+        for line in &self.trial {
+            let Some(raw_ns) = line.stamp_ns.filter(|raw| *raw != 0) else { continue };
+            let stamp_ns = self.at(raw_ns).unwrap_or(0);
+            if line.source == source {
+                if stamp_ns < last_ns {
+                    return Some(Verdict::Step);
+                }
+                last_ns = stamp_ns;
+                block += 1;
+                continue;
+            }
+            if raw_ns == suspect_ns {
+                // It shares the fault, if it is one.
+                continue;
+            }
+            let goes_on = self.tracks.get(&line.source).is_none_or(|track| stamp_ns >= track.last_ns);
+            return Some(match goes_on {
+                true if block > 1 => Verdict::OutOfPlace,
+                true => Verdict::Stray,
+                false => Verdict::Step,
+            });
+        }
+        // The rest of the log: only what was buffered would end so.
+        is_last_word.then_some(if block > 1 { Verdict::OutOfPlace } else { Verdict::Stray })
+    }
+
+    /// Whether the lines after one that is far off follow it.
+    fn verdict_of_far(&self, raw_ns: u64, is_last_word: bool) -> Option<Verdict> {
+        // Lines of the very same stamp share its fault.
+        let mut after = self.trial.iter().skip(1).filter_map(|line| line.stamp_ns);
+        let newest_ns = self.newest_ns.unwrap_or(0);
+        let Some(next_ns) = after.find(|next| *next != 0 && *next != raw_ns) else {
+            let same = self.trial.iter().filter(|line| line.stamp_ns == Some(raw_ns)).count();
+            let is_near = self.at(raw_ns).is_some_and(|at_ns| at_ns.abs_diff(newest_ns) <= LEAP_NS);
+            let follows = same > TRIAL_LINES / 2 || (is_near && self.suspicion == Suspicion::Ahead);
+            return is_last_word.then_some(if follows { Verdict::Step } else { Verdict::Stray });
+        };
+        let from_old = self.at(next_ns).map_or(u64::MAX, |next| next.abs_diff(newest_ns));
+        Some(if next_ns.abs_diff(raw_ns) <= from_old { Verdict::Step } else { Verdict::Stray })
     }
 
     /// Whether a line that is a little late is out of place, or the clock was set back: then the lines after it tell once more
@@ -342,6 +355,9 @@ impl<T> Clock<T> {
             Suspicion::Ahead => StepKind::SetAhead,
             Suspicion::Back | Suspicion::Late => StepKind::SetBack,
         };
+        if kind == StepKind::Pause && ahead_ns <= i128::from(LEAP_NS) {
+            return self.accept(u64::try_from(old).unwrap_or(newest_ns), line);
+        }
         let by_ns = if kind == StepKind::SetBack { i128::from(next_ns) - old } else { ahead_ns };
         self.report.step(ClockStep { line: line.number, kind, by_s: by_ns as f64 * 1e-9 });
         if kind == StepKind::Pause {

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use super::carried::Tally;
+
 /// Steps of a clock that are told one by one.
 const STEPS_KEPT: usize = 8;
 
@@ -29,6 +31,13 @@ pub struct ClockReport {
     pub set_count: u64,
     /// The first of these.
     pub steps: Vec<ClockStep>,
+    /// Scans whose stamps are not those of the poses that they carry, of another clock than the odometry's: they count where they
+    /// stand in the file.
+    pub displaced: u64,
+    /// Line of the first of these.
+    pub first_displaced: Option<u64>,
+    /// How late their stamps were on average, seconds; negative: early.
+    pub displaced_by_s: f64,
     /// Poses that a scan before them carries, too, and that have no stamp: they count at the stamp of that scan.
     pub restated: u64,
     /// Messages of one kind at one stamp, which were spread over the time to the next.
@@ -77,6 +86,12 @@ impl ClockReport {
     pub(crate) fn with_spread(self, spread: Self) -> Self {
         let Self { spread, first_spread, longest_spread_s, stood_still_s, .. } = spread;
         Self { spread, first_spread, longest_spread_s, stood_still_s, ..self }
+    }
+
+    /// With what was made of the poses that scans carry.
+    pub(crate) fn with_carried(self, tally: Tally) -> Self {
+        let Tally { restated, displaced, first_displaced, off_s } = tally;
+        Self { restated, displaced, first_displaced, displaced_by_s: off_s / displaced.max(1) as f64, ..self }
     }
 
     pub(crate) fn stray(&mut self, line: u64) {
@@ -134,6 +149,16 @@ impl ClockReport {
         let unstamped = self.unstamped + self.restated;
         say(unstamped, &|| {
             format!("{unstamped} messages have no usable stamp and stay beside their neighbours{restated}")
+        });
+        say(self.displaced, &|| {
+            format!(
+                "{} scans have stamps of another clock than the odometry's, {:.2} s {} on average, first in line {}: they are where the \
+                 poses that they carry say",
+                self.displaced,
+                self.displaced_by_s.abs(),
+                if self.displaced_by_s < 0.0 { "early" } else { "late" },
+                self.first_displaced.unwrap_or(0)
+            )
         });
         say(self.strays, &|| {
             let line = self.first_stray.unwrap_or(0);

@@ -19,6 +19,7 @@
 //! Only a log that can make no map is an error ([`LogError`]).
 
 pub mod carmen;
+mod carried;
 mod clock;
 mod clock_report;
 mod detect;
@@ -34,6 +35,7 @@ mod stamp;
 mod survey;
 mod tally;
 mod timeline;
+mod track;
 pub mod udacity;
 mod zstandard;
 

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
-use super::clock::{Stamped, WINDOW_NS};
+use super::clock::{SORT_NS, Stamped};
 use super::timeline::TimedLine;
 
 /// Readings (and lines) that may wait.
@@ -87,7 +87,7 @@ impl<T> Orderer<T> {
 
     fn oldest_is_due(&self) -> bool {
         let oldest = self.waiting.peek();
-        oldest.is_some_and(|Reverse(oldest)| oldest.stamp_ns.saturating_add(WINDOW_NS) < self.newest_ns)
+        oldest.is_some_and(|Reverse(oldest)| oldest.stamp_ns.saturating_add(SORT_NS) < self.newest_ns)
     }
 
     fn release(&mut self) -> bool {
@@ -120,7 +120,7 @@ mod tests {
             order(&[S, 15 * S / 10, 12 * S / 10, S, 9 * S]),
             [(S, 0), (S, 3), (12 * S / 10, 2), (15 * S / 10, 1), (9 * S, 4)]
         );
-        assert_eq!(order(&[S, 2 * S, 9 * S, S / 2]), [(S, 0), (2 * S, 1), (2 * S, 3), (9 * S, 2)]);
+        assert_eq!(order(&[S, 2 * S, 39 * S, S / 2]), [(S, 0), (2 * S, 1), (2 * S, 3), (39 * S, 2)]);
     }
 
     #[test]

@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use echogrid_core::Pose2;
 
 use super::LogEvent;
-use super::clock::{Clock, LEAP_NS, Stamped, WINDOW_NS};
+use super::carried::Carried;
+use super::clock::{Clock, Stamped};
 use super::clock_report::ClockReport;
 use super::order::Orderer;
 use super::spread::Spread;
@@ -53,9 +54,7 @@ pub(crate) struct TimedLine<T> {
 
 /// Lines into the order of time.
 pub(crate) struct Timeline<T> {
-    /// A scan that the next line may restate the pose of.
-    scan: Option<TimedLine<T>>,
-    restated: u64,
+    carried: Carried<T>,
     clock: Clock<T>,
     orderer: Orderer<T>,
     spread: Spread<T>,
@@ -67,8 +66,7 @@ impl<T> Timeline<T> {
     /// By the log's stamps; `order_only`: whatever they are.
     pub(crate) fn new(order_only: bool) -> Self {
         Self {
-            scan: None,
-            restated: 0,
+            carried: Carried::default(),
             clock: Clock::default(),
             orderer: Orderer::default(),
             spread: Spread::default(),
@@ -77,31 +75,14 @@ impl<T> Timeline<T> {
     }
 
     /// A line, in the file's order.
-    ///
-    /// An odometry line after a scan that carries the same pose, without a stamp or with one far from the scan's, belongs to
-    /// that scan: corrected logs restate it so.
-    pub(crate) fn push(&mut self, mut line: TimedLine<T>) {
-        if let Some(scan) = self.scan.take() {
-            if restates(&line, &scan) {
-                self.restated += 1;
-                line.restates = true;
-                line.stamp_ns = scan.stamp_ns;
-                self.enter(line);
-                self.enter(scan);
-                return;
-            }
-            self.enter(scan);
-        }
-        if line.rank == Rank::Scan && line.pose.is_some() {
-            self.scan = Some(line);
-        } else {
-            self.enter(line);
-        }
+    pub(crate) fn push(&mut self, line: TimedLine<T>) {
+        let placed = self.carried.push(line);
+        placed.into_iter().flatten().for_each(|line| self.enter(line));
     }
 
     /// No line follows.
     pub(crate) fn finish(&mut self) {
-        if let Some(scan) = self.scan.take() {
+        if let Some(scan) = self.carried.finish() {
             self.enter(scan);
         }
         self.clock.finish();
@@ -131,7 +112,8 @@ impl<T> Timeline<T> {
         report.order_only = report.unstamped + report.strays > lines / 2
             || report.set_count + self.clock.contradictions() > lines / 20 + 1
             || (lines > 2 && hardly_change);
-        ClockReport { restated: self.restated, lines, ..report.with_spread(spread) }
+        let report = report.with_spread(spread);
+        report.with_carried(self.carried.tally())
     }
 
     fn enter(&mut self, line: TimedLine<T>) {
@@ -152,15 +134,6 @@ impl<T> Timeline<T> {
             self.spread.push(line);
         }
     }
-}
-
-/// Whether a line, the next after a scan, only says once more where the scan was taken.
-fn restates<T>(line: &TimedLine<T>, scan: &TimedLine<T>) -> bool {
-    let is_far = |stamp_ns: u64| {
-        let scan_ns = scan.stamp_ns.unwrap_or(0);
-        stamp_ns == 0 || stamp_ns.saturating_add(WINDOW_NS) < scan_ns || stamp_ns > scan_ns.saturating_add(LEAP_NS)
-    };
-    line.source == Source::ODOMETRY && line.pose == scan.pose && line.stamp_ns.is_none_or(is_far)
 }
 
 /// The events of a log, from its lines.

@@ -14,7 +14,6 @@ mod angles;
 mod ceiling;
 mod fans;
 mod kinds;
-mod lag;
 pub(super) mod message;
 mod read;
 mod record;

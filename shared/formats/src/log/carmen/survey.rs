@@ -8,7 +8,6 @@ use echogrid_core::Pose2;
 use echogrid_core::robot::SENSORS_MAX;
 
 use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
-use super::lag::Lags;
 use super::message::{Message, ScanKind, ScanLine};
 use crate::log::dialect::Dialect;
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
@@ -55,7 +54,6 @@ pub(in crate::log) fn survey_of(
         kinds: BTreeMap::new(),
         events: EventTally::new(),
         odom_from_base: None,
-        lags: Lags::default(),
         most_sonars: None,
         options,
         dialect,
@@ -86,7 +84,6 @@ struct Surveyor {
     events: EventTally<Class>,
     /// Of the last odometry line.
     odom_from_base: Option<Pose2>,
-    lags: Lags,
     /// The first line that names more sonars than a robot can have, and how many.
     most_sonars: Option<(u64, usize)>,
     options: SurveyOptions,
@@ -114,7 +111,6 @@ impl Surveyor {
         match message {
             Message::Odometry { odom_from_base, stamp_ns, .. } => {
                 self.odom_from_base = Some(odom_from_base);
-                self.lags.odometry(odom_from_base, stamp_ns);
                 self.event(line, Class::Odometry, Some(odom_from_base), stamp_ns, 0);
             }
             Message::TruePose { stamp_ns, .. } => self.event(line, Class::TruePose, None, stamp_ns, 0),
@@ -150,7 +146,6 @@ impl Surveyor {
                 self.faults.count_many(line, Refusal::new(kind, first.to_string()), count);
             }
         }
-        self.lags.scan(scan.kind, carried, scan.stamp_ns);
         self.event(line, Class::Scan(scan.kind), carried, scan.stamp_ns, scan.ranges.len());
     }
 
@@ -208,16 +203,13 @@ impl Surveyor {
             let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0);
             Some(*most.ok_or_else(|| no_odometry(path, &self.dialect, &faults))?)
         };
-        let Sensors { robot, used, mut remarks } =
+        let Sensors { robot, used, remarks } =
             robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit)
                 .map_err(|unusable| unusable_sensors(path, unusable))?;
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
         let Summary { clock, first_stamp_ns, last_stamp_ns, distance_m } =
             self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
-        if !clock.order_only {
-            remarks.extend(self.lags.remarks());
-        }
         Ok(LogSurvey {
             format: self.dialect.format(),
             robot,
