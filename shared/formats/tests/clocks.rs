@@ -238,6 +238,26 @@ fn a_corrected_log_has_its_scans_at_their_own_poses() {
 }
 
 #[test]
+fn odometry_and_scans_one_after_the_other() {
+    let log = drive(600, |tenth| format!("{:.6}", seconds(tenth)), None);
+    let (scans_of, poses): (Vec<&str>, Vec<&str>) = log.lines().partition(|line| line.starts_with('F'));
+    for parts in [[&scans_of, &poses], [&poses, &scans_of]] {
+        let (survey, events) = read(&parts.map(|lines| lines.join("\n") + "\n").concat());
+        assert!(
+            survey.remarks.iter().any(|remark| remark.contains("600 ODOM lines stand apart")),
+            "{:?}",
+            survey.remarks
+        );
+        assert_eq!((survey.odometry_count, survey.scan_count), (120, 120));
+        assert!(scans(&events).into_iter().all(|(tenth, at)| at.distance_m(pose(tenth)) < 1e-6));
+    }
+    let sonar = |tenth: u32| format!("SONAR 0.5 1 2.0 0 0 0 {:.6} h 0\n", seconds(tenth));
+    let apart = poses.join("\n") + "\n" + &(0..600).map(sonar).collect::<String>();
+    let error = carmen::survey(apart.as_bytes(), Path::new("a.log")).unwrap_err().to_string();
+    assert!(error.contains("a.log: all odometry stands before, or behind, all readings"), "{error}");
+}
+
+#[test]
 fn a_log_that_loses_its_end_while_it_is_played_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.log");

@@ -24,7 +24,7 @@ pub(crate) struct Carried<T> {
     /// Time between odometry lines, nanoseconds, and their number.
     flown_ns: u64,
     steps: u64,
-    /// Whether the latest scan of a source was displaced: that a robot at rest tells nothing of.
+    /// Whether the latest scan of a source was displaced: a robot at rest tells nothing of that.
     displaced: BTreeMap<Source, bool>,
     tally: Tally,
 }

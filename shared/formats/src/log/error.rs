@@ -84,6 +84,16 @@ pub enum LogError {
         /// The first refused line, if any was refused.
         first_fault: Option<String>,
     },
+    /// All odometry stands before, or behind, all readings, and these carry no poses.
+    #[error(
+        "{}: all odometry stands before, or behind, all readings, so nothing tells where these were taken; put the lines in the \
+         order of their stamps first",
+        path.display()
+    )]
+    Apart {
+        /// The file.
+        path: PathBuf,
+    },
     /// The log has more transducers than can be numbered.
     #[error("{}: {count} transducers in all sensors together; at most 65535 can be told apart", path.display())]
     TooManyTransducers {

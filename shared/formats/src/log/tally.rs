@@ -10,6 +10,8 @@ use super::timeline::{ORDER_STEP_NS, TimedLine, Timeline};
 /// Stamps are wrong that make the way longer than that in the file's order by this factor, and so many metres.
 const LONGER: f64 = 1.02;
 const LONGER_M: f64 = 0.1;
+/// So many lines are no accident.
+const MANY: u64 = 10;
 
 /// Events by class; the same order is made of them as when they are read.
 pub(crate) struct EventTally<C> {
@@ -23,6 +25,8 @@ pub(crate) struct EventTally<C> {
 struct Track {
     /// Place of the first among all events.
     first: u64,
+    /// Place of the last.
+    last: u64,
     /// Place of the first with a pose.
     first_pose: Option<u64>,
     lines: u64,
@@ -67,6 +71,7 @@ impl<C: Copy + Ord> EventTally<C> {
         self.places += 1;
         let track = self.tracks.entry(line.payload).or_insert_with(|| Track { first: place, ..Track::default() });
         track.lines += 1;
+        track.last = place;
         if let Some(pose) = line.pose {
             track.poses += 1;
             track.first_pose.get_or_insert(place);
@@ -97,6 +102,12 @@ impl<C: Copy + Ord> EventTally<C> {
     /// Lines of a class.
     pub(crate) fn lines(&self, class: C) -> u64 {
         self.tracks.get(&class).map_or(0, |track| track.lines)
+    }
+
+    /// Whether all lines of one class stand before, or behind, all of another, where both are many: two logs, one after the other.
+    pub(crate) fn are_apart(&self, a: C, b: C) -> bool {
+        let (Some(a), Some(b)) = (self.tracks.get(&a), self.tracks.get(&b)) else { return false };
+        a.lines.min(b.lines) >= MANY && (a.last < b.first || b.last < a.first)
     }
 
     /// Lines of a class that hold odometry.

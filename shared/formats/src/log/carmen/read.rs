@@ -89,7 +89,10 @@ fn timed_line(number: u64, message: Message<'_>, plan: &CarmenPlan) -> Option<Ti
         Message::Scan(scan) => return timed_scan(number, &scan, plan),
         Message::Param { .. } | Message::Other { .. } | Message::Nothing => return None,
     };
-    Some(TimedLine { number, source, rank, stamp_ns, pose, weight: 0, restates: false, payload: vec![event] })
+    // Odometry that stands apart from the scans keeps its place in the order, without events.
+    let is_used = rank != Rank::Odometry || plan.odometry_from.is_none();
+    let payload = if is_used { vec![event] } else { Vec::new() };
+    Some(TimedLine { number, source, rank, stamp_ns, pose, weight: 0, restates: false, payload })
 }
 
 fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {

@@ -54,6 +54,7 @@ pub(in crate::log) fn survey_of(
         kinds: BTreeMap::new(),
         events: EventTally::new(),
         odom_from_base: None,
+        unstamped: 0,
         most_sonars: None,
         options,
         dialect,
@@ -84,6 +85,8 @@ struct Surveyor {
     events: EventTally<Class>,
     /// Of the last odometry line.
     odom_from_base: Option<Pose2>,
+    /// Messages without a stamp so far.
+    unstamped: u64,
     /// The first line that names more sonars than a robot can have, and how many.
     most_sonars: Option<(u64, usize)>,
     options: SurveyOptions,
@@ -94,9 +97,13 @@ impl Surveyor {
     fn line(&mut self, line: Line<'_>) {
         match line {
             Line::Bytes(number, bytes) => {
-                // A byte order mark is no part of the first message.
                 let dialect = core::mem::take(&mut self.dialect);
+                let unstamped = self.unstamped;
                 let outcome = dialect.parse(bytes, &mut |message| self.message(number, message));
+                if self.unstamped > unstamped {
+                    let refusal = Refusal::new(FaultKind::BadStamp, dialect.stamp_of(bytes));
+                    self.faults.count_many(number, refusal, self.unstamped - unstamped);
+                }
                 self.dialect = dialect;
                 if let Err(refusal) = outcome {
                     self.faults.count(number, refusal);
@@ -150,9 +157,7 @@ impl Surveyor {
     }
 
     fn event(&mut self, line: u64, class: Class, pose: Option<Pose2>, stamp_ns: Option<u64>, weight: usize) {
-        if stamp_ns.is_none() {
-            self.faults.count(line, Refusal::new(FaultKind::BadStamp, self.dialect.stamp_place()));
-        }
+        self.unstamped += u64::from(stamp_ns.is_none());
         let (rank, source) = match class {
             Class::Odometry => (Rank::Odometry, Source::ODOMETRY),
             Class::TruePose => (Rank::TruePose, Source::TRUE_POSE),
@@ -195,20 +200,33 @@ impl Surveyor {
         if kinds.is_empty() {
             return Err(no_readings(path, &self.dialect, &faults));
         }
-        let odometry_from = if self.events.lines(Class::Odometry) > 0 {
-            None
-        } else {
-            // The most poses; at equal numbers the kind that comes first.
-            let poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind));
-            let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0);
-            Some(*most.ok_or_else(|| no_odometry(path, &self.dialect, &faults))?)
+        // The most poses; at equal numbers the kind that comes first.
+        let poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind));
+        let most = kinds.iter().rev().max_by_key(|kind| poses(kind)).filter(|kind| poses(kind) > 0).copied();
+        let apart = kinds.iter().all(|kind| self.events.are_apart(Class::Odometry, Class::Scan(*kind)));
+        let odometry_from = match (self.events.lines(Class::Odometry) > 0, most) {
+            (true, _) if !apart => None,
+            (true, None) => return Err(LogError::Apart { path: path.to_path_buf() }),
+            (false, None) => return Err(no_odometry(path, &self.dialect, &faults)),
+            (_, most) => most,
         };
-        let Sensors { robot, used, remarks } =
+        let Sensors { robot, used, mut remarks } =
             robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit)
                 .map_err(|unusable| unusable_sensors(path, unusable))?;
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
         let Summary { clock, first_stamp_ns, last_stamp_ns, distance_m } =
-            self.events.summary(odometry, |class| !matches!(class, Class::Scan(kind) if !used.contains_key(&kind)));
+            self.events.summary(odometry, |class| match class {
+                Class::Odometry => odometry_from.is_none(),
+                Class::TruePose => true,
+                Class::Scan(kind) => used.contains_key(&kind),
+            });
+        if let Some(kind) = odometry_from.filter(|_| apart) {
+            let lines = self.events.lines(Class::Odometry);
+            remarks.push(format!(
+                "its {lines} ODOM lines stand apart from all scans and are not used: the poses that {} carries are the odometry",
+                kind.name()
+            ));
+        }
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
         Ok(LogSurvey {
             format: self.dialect.format(),

@@ -61,12 +61,14 @@ impl Dialect {
         Ok(())
     }
 
-    /// Where its stamps stand, for people.
-    pub(crate) fn stamp_place(&self) -> &'static str {
+    /// The word of a line that should be its stamp, and where that stands, for people.
+    pub(crate) fn stamp_of(&self, line: &[u8]) -> String {
+        let text = String::from_utf8_lossy(line);
+        let from_end = |place: usize| text.split_ascii_whitespace().rev().nth(place).unwrap_or_default().to_owned();
         match self {
-            Self::Carmen => "the third word from the end",
-            Self::Wean | Self::Gfs => "the last word",
-            Self::Csv(_) => "the column of stamps",
+            Self::Carmen => format!("{}, the third word from the end", from_end(2)),
+            Self::Wean | Self::Gfs => format!("{}, the last word", from_end(0)),
+            Self::Csv(_) => "the column of stamps".to_owned(),
         }
     }
 
