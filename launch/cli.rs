@@ -1,10 +1,13 @@
 //! The command line, as it is typed.
 
+mod evaluate;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use echogrid_replay::config::LogUnit;
 use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
+pub use evaluate::Evaluate;
 use serde::Serialize;
 use tracing::Level;
 
@@ -242,47 +245,7 @@ pub enum Command {
     },
     /// Scores every way of mapping against known worlds, with a simulated robot and with logs that know the truth, on all
     /// processors; a table.
-    Evaluate {
-        /// Worlds to simulate in: names, files, or ranges of floors drawn by lot, as in floor-101..110.
-        #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "floor-101..110")]
-        worlds: Vec<String>,
-        /// Drives in each.
-        #[arg(long, default_value_t = 1)]
-        seeds: u64,
-        /// A log that knows where the robot really was, and its world; may be repeated.
-        #[arg(long = "log", value_name = "LOG=WORLD")]
-        logs: Vec<String>,
-        /// The folder of a sonar workload with true poses (workload_s.bin and building.map).
-        #[arg(long, value_name = "DIR")]
-        workload: Option<PathBuf>,
-        /// Writes the table to this file, too.
-        #[arg(long, value_name = "FILE.md")]
-        out: Option<PathBuf>,
-        /// Learns the parameters of each fusion on these worlds first (and then say others to judge by), behind the filters of
-        /// --set or those that come by default, whatever those of a --method are.
-        #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-        learn: Vec<String>,
-        /// What learning is for.
-        #[arg(long, value_enum, default_value = "bits")]
-        goal: Goal,
-        /// A way of mapping, as the table names it: only those that are named are judged, and only their fusions learnt; may be
-        /// repeated.
-        #[arg(long = "method", value_name = "NAME")]
-        methods: Vec<String>,
-        /// How a log's map is laid on its world: by where the robot really was at the start; by all of its path, as well as it
-        /// goes (drives twice); or not at all.
-        #[arg(long, value_enum, default_value = "start")]
-        align: Align,
-        /// How often there is a fix, as the table names it: only at those that are named is judged and learnt; may be repeated.
-        #[arg(long = "fix", value_name = "exact|5 m|15 m|never")]
-        fixes: Vec<String>,
-        /// Prints the figures as JSON.
-        #[arg(long)]
-        json: bool,
-        /// Sets any key in every run.
-        #[arg(long = "set", value_name = "KEY=VALUE")]
-        sets: Vec<String>,
-    },
+    Evaluate(Evaluate),
     /// Shows what goes through the topics of a running graph; it disturbs nobody.
     #[command(subcommand)]
     Topic(TopicCommand),

@@ -80,33 +80,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
             experiment::run(&experiment::Request { out, world, seed, json })
         }
-        Some(Command::Evaluate {
-            worlds,
-            seeds,
-            logs,
-            workload,
-            out,
-            learn,
-            goal,
-            align,
-            methods,
-            fixes,
-            json,
-            sets,
-        }) => evaluate::run(&evaluate::Request {
-            worlds,
-            seeds,
-            logs,
-            workload,
-            out,
-            learn,
-            goal,
-            align,
-            methods,
-            fixes,
-            json,
-            sets,
-        }),
+        Some(Command::Evaluate(request)) => evaluate::run(&request),
         Some(Command::Topic(command)) => topic::run(&command),
         Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.

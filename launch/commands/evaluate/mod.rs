@@ -7,8 +7,6 @@ mod method;
 mod report;
 mod workload;
 
-use std::path::PathBuf;
-
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Quality;
 use echogrid_formats::{probe_file, write_whole};
@@ -19,28 +17,11 @@ use self::learn::Lessons;
 use self::method::{Method, Schedule};
 use self::report::{Report, Row, Table};
 use self::workload::Workload;
-use super::align::Align;
-use crate::cli::Goal;
+use crate::cli::Evaluate;
 use crate::config::{Config, LoadRequest};
 
-/// What is judged, by what, and where it is told.
-pub(super) struct Request {
-    pub(super) worlds: Vec<String>,
-    pub(super) seeds: u64,
-    pub(super) logs: Vec<String>,
-    pub(super) align: Align,
-    pub(super) workload: Option<PathBuf>,
-    pub(super) out: Option<PathBuf>,
-    pub(super) learn: Vec<String>,
-    pub(super) goal: Goal,
-    pub(super) methods: Vec<String>,
-    pub(super) fixes: Vec<String>,
-    pub(super) json: bool,
-    pub(super) sets: Vec<String>,
-}
-
 /// Carries out the evaluation.
-pub(super) fn run(request: &Request) -> Result<()> {
+pub(super) fn run(request: &Evaluate) -> Result<()> {
     ensure!(request.seeds > 0, "--seeds 0: expected 1 or more");
     // Whatever is wrong is said before hours of work.
     let methods = method::methods(&request.methods)?;
@@ -102,7 +83,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
 }
 
 /// Where learning begins: what is configured.
-fn setting(request: &Request) -> Result<impl Fn(&str) -> Option<f64>> {
+fn setting(request: &Evaluate) -> Result<impl Fn(&str) -> Option<f64>> {
     let load =
         LoadRequest { sensor: Some("simulator".to_owned()), sets: request.sets.clone(), ..LoadRequest::default() };
     let table = Config::load(&load)?.table().clone();
