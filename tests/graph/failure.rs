@@ -75,6 +75,23 @@ fn the_map_so_far_outlives_the_sensor() {
     assert!(map.grid.tile_count() > 4 && map.path.len() > 10);
 }
 
+/// What is gone will be gone in another life, too: nobody is started again for it.
+#[test]
+fn a_log_that_loses_its_end_while_it_is_played_fails_at_once_and_keeps_the_map() {
+    let drive = Drive::new(f64::INFINITY);
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "20", "--json"]));
+    graph.wait_for_progress("mapper", 20);
+    let length = std::fs::metadata(drive.log()).unwrap().len();
+    std::fs::OpenOptions::new().write(true).open(drive.log()).unwrap().set_len(length / 2).unwrap();
+    let ended = graph.wait();
+    assert_eq!(ended.status.code(), Some(1), "{}", ended.stderr);
+    let told = format!("drive.log: has {} bytes and had {length} when it was surveyed", length / 2);
+    assert!(ended.stderr.contains(&told), "{}", ended.stderr);
+    assert!(!ended.stderr.contains("restart 1"), "{}", ended.stderr);
+    assert!(native::read(&drive.out("maps/map.echogrid")).unwrap().grid.tile_count() > 4);
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
+}
+
 #[test]
 fn a_service_that_hangs_after_its_end_is_pressed_to_leave() {
     // `sleep` never joins the graph: it neither starts nor listens to anyone.
