@@ -144,6 +144,14 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         );
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
+    // A robot that has not driven yet is no failure.
+    ensure!(
+        !outcome.stopped
+            || survey.is_none() && !config.simulates()
+            || outcome.map.as_ref().is_some_and(|map| map.cells_known > 0),
+        "stopped before anything was mapped: no map was saved in {}",
+        config.run.out.display()
+    );
     // Simulated time begins at 0.
     let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);

@@ -44,6 +44,29 @@ fn ctrl_c_saves_the_map_so_far_and_leaves_nothing() {
     }
 }
 
+/// Whatever is starting at that moment.
+#[test]
+fn a_graph_that_is_stopped_while_it_starts_leaves_at_once_and_says_that_there_is_no_map() {
+    let drive = Drive::new(f64::INFINITY);
+    for step in ["sensor started", "odometry started", "publisher started", "all services ready"] {
+        for signal in [Signal::SIGINT, Signal::SIGTERM] {
+            let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", REAL_TIME));
+            graph.wait_for(step);
+            graph.signal(signal);
+            let ended = graph.wait();
+            assert!(!ended.stderr.contains("killed"), "{step}, {signal}: {}", ended.stderr);
+            assert_eq!(ended.leftovers(), NOTHING, "{step}, {signal}");
+            let has_map = drive.out("maps/map.echogrid").exists();
+            assert_eq!(ended.status.success(), has_map, "{step}, {signal}: {}", ended.stderr);
+            if has_map {
+                std::fs::remove_dir_all(drive.out("maps")).unwrap();
+            } else {
+                assert!(ended.stderr.contains("stopped before anything was mapped"), "{}", ended.stderr);
+            }
+        }
+    }
+}
+
 #[test]
 fn a_killed_launcher_takes_its_services_along_and_the_next_start_sweeps() {
     let drive = Drive::new(f64::INFINITY);

@@ -241,6 +241,14 @@ fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
         }
         runtime.ring()?;
     }
+    // Without it nobody downstream would read on to the end that follows.
+    if made == 0
+        && runtime.stop() == Some(Stop::Asked)
+        && let Some((stamp_ns, robot @ Message::Robot(_))) = sensor.next()?
+    {
+        runtime.send(stamp_ns, &robot)?;
+        runtime.ring()?;
+    }
     runtime.set_state(ServiceState::Draining)?;
     tracing::debug!(asked = runtime.stop().is_some(), "finishes");
     drain(runtime, &mut Outbox::default(), runtime.stop() != Some(Stop::Orphaned), |_, _| {})
