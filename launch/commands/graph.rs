@@ -312,12 +312,14 @@ fn kept(config: &Config, start: SystemTime) -> String {
 
 /// What is said of poses that do not seem to be a drive's.
 fn suggestion(survey: &LogSurvey) -> Option<String> {
-    survey.sideways.is_no_drive().then(|| {
-        format!(
-            "its poses slide sideways on {:.0} % of their way, as those of wheels do not: if they are a SLAM's or from motion \
-             capture, --poses exact says that they have no error",
-            100.0 * survey.sideways.share()
-        )
+    let percent = 100.0 * survey.sideways.share();
+    let slide = format!("its poses slide sideways on {percent:.0} % of their way, as those of wheels do not");
+    survey.sideways.is_no_drive().then(|| match percent {
+        // No correction is so large: what they call ahead is not where they go.
+        60.0.. => format!("{slide}: are x, y and heading in order, and not mirrored?"),
+        _ => {
+            format!("{slide}: if they are a SLAM's or from motion capture, --poses exact says that they have no error")
+        }
     })
 }
 

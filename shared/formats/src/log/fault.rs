@@ -50,6 +50,8 @@ pub enum FaultKind {
     ConeNegative,
     /// A sonar's cone is wider than 90°: it is used, but hardly any sonar's is.
     ConeWide,
+    /// A sonar cone narrower than 1°; it is used as it stands.
+    ConeNarrow,
     /// No message at all; the line is refused.
     NotAMessage,
     /// Bytes that are no text; the line is refused.
@@ -82,6 +84,7 @@ impl core::fmt::Display for FaultKind {
             Self::ConeMissing => "sonar cone of 0, taken for one of 30°",
             Self::ConeNegative => "negative sonar cone, its size is used",
             Self::ConeWide => "sonar cone wider than 90°, used as it stands",
+            Self::ConeNarrow => "sonar cone narrower than 1°, used as it stands: is it in radians?",
             Self::NotAMessage => "not a message",
             Self::NotUtf8 => "not text",
             Self::LineTooLong => "line too long",

@@ -110,6 +110,8 @@ pub(super) fn cone(stated: f64) -> Result<(f64, Vec<Refusal>), Refusal> {
     } else {
         if size > FRAC_PI_2 + SAME_RAD {
             odd(FaultKind::ConeWide);
+        } else if size < PI / 180.0 {
+            odd(FaultKind::ConeNarrow);
         }
         size
     };

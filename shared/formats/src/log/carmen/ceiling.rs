@@ -78,8 +78,23 @@ impl RangeTally {
         self.standing_out().map(|(value, _)| value)
     }
 
+    /// The lowest of several codes, and the number of all, where the largest values are far more frequent than those below: some
+    /// sensors have one code for "nothing came back" and another for "dazzled".
+    fn several_codes(&self) -> Option<(f64, u64)> {
+        let mut counts: Vec<u64> = self.top.values().copied().collect();
+        counts.sort_unstable();
+        let usual = counts.get(counts.len() / 2).copied().unwrap_or(0);
+        let least = OVERRULE.max(20 * usual);
+        let codes: Vec<(&u64, &u64)> = self.top.iter().rev().take_while(|(_, count)| **count >= least).collect();
+        let (lowest, _) = codes.last().filter(|_| codes.len() > 1)?;
+        Some((f64::from_bits(**lowest), codes.iter().map(|(_, count)| **count).sum()))
+    }
+
     /// The largest value that stands out, or the floor of its family of codes, and its number.
     fn standing_out(&self) -> Option<(f64, u64)> {
+        if let Some(codes) = self.several_codes() {
+            return Some(codes);
+        }
         let mut above = 0;
         let mut values = self.top.iter().rev().map(|(bits, count)| (f64::from_bits(*bits), *count)).peekable();
         while let Some((value, count)) = values.next() {
@@ -124,6 +139,10 @@ mod tests {
         check(&[], None, 1.0);
         // Nothing repeats at the top: a robot in a room.
         check(&[(9.5, 3), (9.4, 2), (9.3, 3)], Some(80.0), 80.0);
+        // Two codes, as of a sensor in millimetres.
+        let mut ranges: Vec<(f64, usize)> = (0..60).map(|step| (4.0 + f64::from(step) * 0.01, 2)).collect();
+        ranges.extend([(8.191, 400), (65.535, 380)]);
+        check(&ranges, None, 8.191);
         // One wild range above the sensor's maximum.
         check(&[(9999.0, 1), (50.0, 620), (43.0, 10)], None, 50.0);
         // A stated maximum that the sensor never reaches, but another one.

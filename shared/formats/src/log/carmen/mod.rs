@@ -18,6 +18,7 @@ pub(super) mod message;
 mod read;
 mod record;
 mod rings;
+mod speeds;
 mod survey;
 mod units;
 mod write;

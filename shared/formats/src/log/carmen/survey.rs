@@ -9,6 +9,7 @@ use echogrid_core::robot::SENSORS_MAX;
 
 use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
 use super::message::{Message, ScanKind, ScanLine};
+use super::speeds::Speeds;
 use crate::log::dialect::Dialect;
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::lines::{Line, Lines};
@@ -54,6 +55,7 @@ pub(in crate::log) fn survey_of(
         kinds: BTreeMap::new(),
         events: EventTally::new(),
         odom_from_base: None,
+        speeds: Speeds::default(),
         unstamped: 0,
         most_sonars: None,
         options,
@@ -85,6 +87,7 @@ struct Surveyor {
     events: EventTally<Class>,
     /// Of the last odometry line.
     odom_from_base: Option<Pose2>,
+    speeds: Speeds,
     /// Messages without a stamp so far.
     unstamped: u64,
     /// The first line that names more sonars than a robot can have, and how many.
@@ -116,8 +119,9 @@ impl Surveyor {
 
     fn message(&mut self, line: u64, message: Message<'_>) {
         match message {
-            Message::Odometry { odom_from_base, stamp_ns, .. } => {
+            Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns } => {
                 self.odom_from_base = Some(odom_from_base);
+                self.speeds.add(odom_from_base, v_mps, w_radps, stamp_ns);
                 self.event(line, Class::Odometry, Some(odom_from_base), stamp_ns, 0);
             }
             Message::TruePose { stamp_ns, .. } => self.event(line, Class::TruePose, None, stamp_ns, 0),
@@ -220,6 +224,7 @@ impl Surveyor {
                 Class::TruePose => true,
                 Class::Scan(kind) => used.contains_key(&kind),
             });
+        remarks.extend(self.speeds.remarks());
         if let Some(kind) = odometry_from.filter(|_| apart) {
             let lines = self.events.lines(Class::Odometry);
             remarks.push(format!(
