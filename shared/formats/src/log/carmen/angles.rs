@@ -172,7 +172,7 @@ mod tests {
         check(360.0, TAU, Some(FaultKind::ConeInDegrees));
         check((TAU * 1e4).round() * 1e-4, TAU, Some(FaultKind::ConeWide));
         check(2.0, 2.0, Some(FaultKind::ConeWide));
-        check(1e-12, CONE_MIN_RAD, None);
+        check(1e-12, CONE_MIN_RAD, Some(FaultKind::ConeNarrow));
         assert_eq!(super::cone(361.0).unwrap_err().kind, FaultKind::AbsurdPose);
     }
 }

@@ -54,6 +54,10 @@ impl Speeds {
     /// An odometry line with its speed, m/s, and rate of turn, rad/s.
     pub(super) fn add(&mut self, pose: Pose2, v_mps: f64, w_radps: f64, stamp_ns: Option<u64>) {
         let Some(stamp_ns) = stamp_ns.filter(|stamp_ns| *stamp_ns != 0) else { return };
+        if self.last.is_some_and(|(_, before_ns)| before_ns == stamp_ns) {
+            // Of a clock that counts whole seconds: the way until it moves is what its time is for.
+            return;
+        }
         if let Some((before, before_ns)) = self.last
             && stamp_ns > before_ns
             && stamp_ns - before_ns <= GAP_NS
@@ -122,6 +126,16 @@ mod tests {
         said(&|_, pose| Pose2::new(pose.x, pose.y, pose.theta.to_degrees()), "are headings in radians?");
         said(&|_, pose| Pose2::new(pose.x, -pose.y, -pose.theta), "are they mirrored?");
         said(&|tenth, pose| if tenth < 200 { pose } else { Pose2::new(1.0, 1.0, 1.0) }, "does the odometry hang");
+    }
+
+    #[test]
+    fn a_clock_of_whole_seconds_is_no_fault_of_the_poses() {
+        let mut speeds = Speeds::default();
+        for tenth in 0..800_u32 {
+            let pose = Pose2::new(0.05 * f64::from(tenth), 0.0, 0.0);
+            speeds.add(pose, 0.5, 0.0, Some(u64::from(1 + tenth / 10) * 1_000_000_000));
+        }
+        assert_eq!(speeds.remarks(), [""; 0]);
     }
 
     #[test]
