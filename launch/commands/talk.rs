@@ -142,7 +142,7 @@ fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
         if left.is_zero() {
             return Ok(None);
         }
-        let mut fds = [PollFd::new(port.fd(), PollFlags::POLLIN)];
+        let mut fds: Vec<_> = port.fd().into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
         let millis = u16::try_from(left.as_millis()).unwrap_or(u16::MAX);
         poll(&mut fds, PollTimeout::from(millis)).context("waiting for the mapper")?;
     }
@@ -194,7 +194,8 @@ fn listen(participant: &Participant, services: usize) -> Result<BTreeMap<String,
             break;
         }
         let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
-        poll(&mut [PollFd::new(port.fd(), PollFlags::POLLIN)], timeout).context("waiting for the services")?;
+        let mut fds: Vec<_> = port.fd().into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
+        poll(&mut fds, timeout).context("waiting for the services")?;
     }
     Ok(heard)
 }

@@ -24,7 +24,7 @@ use child::{Line, Process, logging_environment};
 use clock::Clock;
 use deadlines::Debt;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Health, Message, Received, ServiceState};
+use echogrid_topics::{Health, Input, Message, Received, ServiceState};
 use janitor::{Cleaned, Janitor};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -184,7 +184,8 @@ impl<'a> Supervisor<'a> {
     }
 
     fn wait(&self) -> Result<()> {
-        let mut fds: Vec<BorrowedFd<'_>> = vec![self.signals.fd(), self.ports.health.fd(), self.ports.info.fd()];
+        let mut fds: Vec<BorrowedFd<'_>> = vec![self.signals.fd()];
+        fds.extend([&self.ports.health, &self.ports.info].into_iter().filter_map(Input::fd));
         fds.extend(self.units.iter().filter_map(Unit::alive).map(Process::fd));
         fds.extend(self.janitor.as_ref().map(Janitor::fd));
         let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();

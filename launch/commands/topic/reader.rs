@@ -85,8 +85,8 @@ impl Reader {
     }
 
     fn wait(&self, patience: Duration) -> Result<()> {
-        let fds: [BorrowedFd<'_>; 2] = [self.signals.fd(), self.port.fd()];
-        let mut fds = fds.map(|fd| PollFd::new(fd, PollFlags::POLLIN));
+        let fds: Vec<BorrowedFd<'_>> = std::iter::once(self.signals.fd()).chain(self.port.fd()).collect();
+        let mut fds: Vec<_> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
         // Rounded up: waiting for 0 ms until 0.9 ms have passed would spin.
         let millis = patience.as_micros().div_ceil(1000) as u16;
         match poll(&mut fds, PollTimeout::from(millis)) {

@@ -1,10 +1,12 @@
 //! What every process of echogrid shares.
 //!
 //! A service is a value with a `step`: one input in, any outputs out, no clock, no thread, no port.
-//! [`process::run`] puts it into a process of the graph; [`local::run`] runs a whole graph of them in
+//! [`process::run`] puts it into a process of the graph, whose life is told in [`life`]; [`local::run`] runs a whole graph of them in
 //! one thread, with the same bytes as a result.
 
 pub mod conformance;
+pub mod host;
+pub mod life;
 pub mod lifeline;
 mod live_clock;
 pub mod local;
@@ -13,7 +15,6 @@ pub mod outbox;
 pub mod pace;
 pub mod plan;
 pub mod process;
-mod recovery;
 pub mod runtime;
 pub mod signals;
 pub mod store;

@@ -4,11 +4,13 @@
 pub mod control;
 pub mod domain;
 pub mod janitor;
+pub mod memory;
 pub mod message;
 pub mod owner;
 pub mod participant;
 mod place;
 pub mod port;
+mod shared_memory;
 pub mod topic;
 mod window;
 pub mod wire;
@@ -21,6 +23,6 @@ pub use message::{
 };
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};
-pub use port::{Input, Output, Received};
+pub use port::{Carrier, Input, Mailbox, Output, Received};
 pub use topic::{Delivery, Topic};
 pub use wire::Header;

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
+use echogrid_service::process;
 use echogrid_service::runtime::Runtime;
 use echogrid_topics::{Input, Message, Output, Participant, Received, ServiceState, Topic};
 
@@ -17,7 +18,7 @@ pub(super) fn silent() -> Result<ExitCode> {
     let mut runtime = Runtime::enter("fault", &[], OUTPUTS)?;
     runtime.set_state(ServiceState::Running)?;
     while runtime.stop().is_none() {
-        runtime.attend(LONG)?;
+        process::block_on(runtime.attend(LONG))?;
     }
     runtime.leave()?;
     Ok(ExitCode::SUCCESS)
@@ -59,7 +60,7 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
 
 /// Listens to what the others say of themselves; whether somebody refused a message.
 fn hear(runtime: &mut Runtime, health: &mut Input, outputs: &mut [Output]) -> Result<bool> {
-    runtime.attend(LONG)?;
+    process::block_on(runtime.attend(LONG))?;
     health.hush()?;
     let mut refused = false;
     while let Some(received) = health.receive()? {
