@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use echogrid_service::store::Store;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -54,6 +55,10 @@ impl Spool {
             );
             if let Some(difference) = difference("", &run.config, &config) {
                 bail!("{}: this run can't be resumed with another configuration: {difference}", folder.display());
+            }
+            for store in stores(folder)?.iter().filter(|store| store.extension().is_some_and(|of| of == "redb")) {
+                Store::check(store, run.epoch)
+                    .with_context(|| format!("{}: this run can't be resumed", folder.display()))?;
             }
             return Ok(Self { folder: folder.into(), run });
         }
@@ -173,7 +178,9 @@ mod tests {
         assert_eq!(resumed.epoch(), 1);
         let coarser = config("[mapper]\nresolution_m = 0.1\n");
         assert!(told(open(true, 2, &coarser)).contains("mapper.resolution_m was 0.05, now it is 0.1"));
-        std::fs::write(folder.join("mapper.redb"), "").unwrap();
+        std::fs::write(folder.join("mapper.redb"), "no store at all").unwrap();
+        let error = told(open(true, 2, &faster));
+        assert!(error.contains("can't be resumed") && error.contains("mapper.redb"), "{error}");
         // Of a launcher that was killed while it wrote.
         std::fs::write(folder.join(".echogrid-Ab12.part"), "").unwrap();
         resumed.remove().unwrap();

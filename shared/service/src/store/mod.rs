@@ -3,33 +3,17 @@
 //! A snapshot is a state together with how far each stream had been read and written then. What can't be read once more
 //! (an order of the user, a fix) goes into a journal before it takes effect, with the place that it took effect at.
 
+mod file;
+mod shelf;
+
 use std::collections::BTreeMap;
-use std::fs::OpenOptions;
-use std::io;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use echogrid_core::{Reading, Robot};
 use echogrid_topics::{Command, LocalizationFix, Message, RawOdometry, TruePose};
-use redb::backends::FileBackend;
-use redb::{Database, ReadableDatabase, ReadableTable, StorageBackend, TableDefinition};
 use serde::{Deserialize, Serialize};
-
-/// Generation → its [`Snapshot`].
-const SNAPSHOTS: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("snapshots");
-/// Number → its [`Entry`].
-const JOURNAL: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("journal");
-/// The parts of the only state, where older ones are never gone back to.
-const PARTS: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("parts");
-/// Number → a [`Spooled`] message of a sensor that can't give it again.
-const SPOOL: TableDefinition<'_, u64, &[u8]> = TableDefinition::new("spool");
-/// Code of a topic → the last of its messages that is not in the spool any more.
-const TRIMMED: TableDefinition<'_, u32, u64> = TableDefinition::new("trimmed");
-/// One entry: the run that the store is of.
-const RUN: TableDefinition<'_, (), u64> = TableDefinition::new("run");
-/// Everything is written soon after it is read for the last time.
-const CACHE_BYTES: usize = 4 << 20;
+pub use shelf::{Change, Shelf, Table};
 
 /// Messages between two looks at what of a spool is stored downstream.
 const TRIM_EVERY: u64 = 256;
@@ -164,7 +148,7 @@ struct Snapshot {
 #[derive(Debug)]
 pub struct Store {
     file: PathBuf,
-    database: Database,
+    shelf: Box<dyn Shelf>,
     next_generation: u64,
     next_entry: u64,
     /// Whether an earlier state may have to be gone back to: then each is stored whole, else only what changes.
@@ -175,42 +159,42 @@ impl Store {
     /// Opens the store of the run `run` in `file`, or makes it. Where `synced`, what is stored outlives the machine, too.
     ///
     /// # Errors
-    /// The file can't be made or read, is no store, or one of another run.
+    /// The file can't be made or read, is no store, a damaged one, or one of another run.
     pub fn open(file: &Path, run: u64, synced: bool, keeps_generations: bool) -> Result<Self> {
-        let context = || format!("{}: the stored state of this service", file.display());
-        let database = if file.exists() {
-            database(file, synced).with_context(context)?
-        } else {
-            sweep_unfinished(file);
-            // Killed while it is made, it would be no store.
-            let new = file.with_extension(format!("new-{}", std::process::id()));
-            let database = database(&new, synced).with_context(context)?;
-            let write = database.begin_write()?;
-            write.open_table(RUN)?.insert((), run)?;
-            write.open_table(SNAPSHOTS)?;
-            write.open_table(JOURNAL)?;
-            write.open_table(PARTS)?;
-            write.open_table(SPOOL)?;
-            write.open_table(TRIMMED)?;
-            write.commit()?;
-            std::fs::rename(&new, file).with_context(context)?;
-            database
-        };
-        let read = database.begin_read()?;
-        let of = read.open_table(RUN).ok().and_then(|table| table.get(()).ok().flatten().map(|run| run.value()));
+        let opened = file::open(file, run, synced);
+        let store = opened.and_then(|shelf| Self::over(shelf, file, run, keeps_generations));
+        store.with_context(|| format!("{}: the stored state of this service", file.display()))
+    }
+
+    /// Whether `file` is a whole store of the run `run`; nothing is changed.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn check(file: &Path, run: u64) -> Result<()> {
+        let store = Self::open(file, run, true, true)?;
+        let broken = || format!("{}: a damaged store", file.display());
+        store.moments().with_context(broken)?;
+        store.journal(0).with_context(broken)?;
+        store.spooled().map(drop).with_context(broken)
+    }
+
+    /// The store of the run `run` on a shelf, which errors call `file`.
+    ///
+    /// # Errors
+    /// What is there is damaged, or of another run.
+    pub fn over(shelf: Box<dyn Shelf>, file: &Path, run: u64, keeps_generations: bool) -> Result<Self> {
+        let of = shelf.get(Table::Run, &[])?.and_then(|run| number(&run).ok());
         anyhow::ensure!(
             of == Some(run),
-            "{}: what is stored there is of another run; remove it, or begin in another folder",
-            file.display()
+            "what is stored there is of another run; remove it, or begin in another folder"
         );
-        let last = |table: TableDefinition<'static, u64, &'static [u8]>| -> Result<u64> {
-            Ok(read.open_table(table)?.last()?.map_or(0, |(key, _)| key.value() + 1))
-        };
+        let mut store = Self { file: file.into(), shelf, next_generation: 0, next_entry: 0, keeps_generations };
+        let next = |table| store.shelf.last(table)?.map_or(Ok(0), |key| Ok::<_, anyhow::Error>(number(&key)? + 1));
+        let (generation, entry) = (next(Table::Snapshots)?, next(Table::Journal)?);
         // An empty journal may have been longer: what snapshots count goes on from there.
-        let entries = moments(&read)?.into_values().map(|moment| moment.journal).max().unwrap_or(0);
-        let (next_generation, next_entry) = (last(SNAPSHOTS)?, last(JOURNAL)?.max(entries));
-        drop(read);
-        Ok(Self { file: file.into(), database, next_generation, next_entry, keeps_generations })
+        let entries = store.moments()?.into_values().map(|moment| moment.journal).max().unwrap_or(0);
+        (store.next_generation, store.next_entry) = (generation, entry.max(entries));
+        Ok(store)
     }
 
     /// The moments that there are snapshots of, by generation.
@@ -218,7 +202,9 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn moments(&self) -> Result<BTreeMap<u64, Moment>> {
-        moments(&self.database.begin_read()?)
+        // The moment comes first in a snapshot.
+        let snapshots = self.shelf.range(Table::Snapshots, &[])?;
+        snapshots.into_iter().map(|(key, bytes)| Ok((number(&key)?, decode(&bytes)?))).collect()
     }
 
     /// The state of a generation.
@@ -226,18 +212,12 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn state(&self, generation: u64) -> Result<State> {
-        let read = self.database.begin_read()?;
         if self.keeps_generations {
-            let snapshots = read.open_table(SNAPSHOTS)?;
-            let bytes = snapshots.get(generation)?.context("a snapshot is missing")?;
-            return Ok(decode::<Snapshot>(bytes.value())?.state);
+            let bytes = self.shelf.get(Table::Snapshots, &key(generation))?.context("a snapshot is missing")?;
+            return Ok(decode::<Snapshot>(&bytes)?.state);
         }
-        let parts = read.open_table(PARTS)?;
-        parts
-            .iter()?
-            .map(|part| part.map(|(name, bytes)| (name.value().to_owned(), bytes.value().to_vec())))
-            .collect::<Result<_, _>>()
-            .map_err(Into::into)
+        let parts = self.shelf.range(Table::Parts, &[])?;
+        parts.into_iter().map(|(name, bytes)| Ok((String::from_utf8(name)?, bytes))).collect()
     }
 
     /// Stores a snapshot, and lets go of generations before `oldest`; its generation.
@@ -246,29 +226,33 @@ impl Store {
     /// The disk is full, or the store is broken: what was stored before is intact.
     pub fn store(&mut self, moment: &Moment, changes: Changes, oldest: u64) -> Result<u64> {
         let generation = self.next_generation;
-        let write = self.database.begin_write()?;
-        {
-            let mut state = State::new();
-            let mut parts = write.open_table(PARTS)?;
-            for (name, bytes) in changes {
-                match (self.keeps_generations, bytes) {
-                    (true, Some(bytes)) => drop(state.insert(name, bytes)),
-                    (true, None) => {}
-                    (false, Some(bytes)) => drop(parts.insert(name.as_str(), bytes.as_slice())?),
-                    (false, None) => drop(parts.remove(name.as_str())?),
-                }
+        let mut state = State::new();
+        let mut all = Vec::new();
+        for (name, bytes) in changes {
+            match (self.keeps_generations, bytes) {
+                (true, Some(bytes)) => drop(state.insert(name, bytes)),
+                (true, None) => {}
+                (false, bytes) => all.push(Change { table: Table::Parts, key: name.into_bytes(), value: bytes }),
             }
-            let mut snapshots = write.open_table(SNAPSHOTS)?;
-            let oldest = if self.keeps_generations { oldest } else { generation };
-            snapshots.retain(|known, _| known >= oldest)?;
-            let snapshot = Snapshot { moment: moment.clone(), state };
-            snapshots.insert(generation, postcard::to_allocvec(&snapshot)?.as_slice())?;
-            let needed = snapshots
-                .first()?
-                .map_or(Ok(0), |(_, bytes)| decode::<Moment>(bytes.value()).map(|moment| moment.journal))?;
-            write.open_table(JOURNAL)?.retain(|number, _| number >= needed)?;
         }
-        write.commit()?;
+        let oldest = if self.keeps_generations { oldest } else { generation };
+        // What no snapshot that stays needs is let go of.
+        let mut needed = moment.journal;
+        for (known, moment) in self.moments()? {
+            if known < oldest {
+                all.push(Change::remove(Table::Snapshots, key(known)));
+            } else {
+                needed = needed.min(moment.journal);
+            }
+        }
+        for (entry, _) in self.shelf.range(Table::Journal, &[])? {
+            if number(&entry)? < needed {
+                all.push(Change::remove(Table::Journal, entry));
+            }
+        }
+        let snapshot = Snapshot { moment: moment.clone(), state };
+        all.push(Change::put(Table::Snapshots, key(generation), postcard::to_allocvec(&snapshot)?));
+        self.shelf.commit(all)?;
         self.next_generation += 1;
         Ok(generation)
     }
@@ -290,9 +274,8 @@ impl Store {
     /// # Errors
     /// The disk is full, or the store is broken.
     pub fn write_down(&mut self, entry: &Entry) -> Result<()> {
-        let write = self.database.begin_write()?;
-        write.open_table(JOURNAL)?.insert(self.next_entry, postcard::to_allocvec(entry)?.as_slice())?;
-        write.commit()?;
+        let bytes = postcard::to_allocvec(entry)?;
+        self.shelf.commit(vec![Change::put(Table::Journal, key(self.next_entry), bytes)])?;
         self.next_entry += 1;
         Ok(())
     }
@@ -303,24 +286,22 @@ impl Store {
     /// # Errors
     /// The disk is full, or the store is broken.
     pub fn spool(&mut self, number: u64, message: &Spooled, is_stored: impl Fn(u32, u64) -> bool) -> Result<()> {
-        let write = self.database.begin_write()?;
-        {
-            let mut spool = write.open_table(SPOOL)?;
-            spool.insert(number, postcard::to_allocvec(message)?.as_slice())?;
-            if number.is_multiple_of(TRIM_EVERY) {
-                let mut trimmed = write.open_table(TRIMMED)?;
-                let mut failed = None;
-                spool.retain(|_, bytes| match decode::<(u32, u64)>(bytes) {
-                    Ok((topic, sequence)) if is_stored(topic, sequence) => {
-                        failed = trimmed.insert(topic, sequence).err().or(failed.take());
-                        false
-                    }
-                    _ => true,
-                })?;
-                failed.map_or(Ok(()), Err)?;
+        let mut changes = vec![Change::put(Table::Spool, key(number), postcard::to_allocvec(message)?)];
+        if number.is_multiple_of(TRIM_EVERY) {
+            let mut trimmed = BTreeMap::new();
+            for (key, bytes) in self.shelf.range(Table::Spool, &[])? {
+                let (topic, sequence) = decode::<(u32, u64)>(&bytes)?;
+                if is_stored(topic, sequence) {
+                    trimmed.insert(topic, sequence);
+                    changes.push(Change::remove(Table::Spool, key));
+                }
             }
+            let last = |(topic, sequence): (u32, u64)| {
+                Change::put(Table::Trimmed, topic.to_be_bytes().to_vec(), sequence.to_be_bytes().to_vec())
+            };
+            changes.extend(trimmed.into_iter().map(last));
         }
-        Ok(write.commit()?)
+        self.shelf.commit(changes)
     }
 
     /// The messages that were spooled and not let go of, with the number of the next one; and, by the code of each topic,
@@ -329,13 +310,13 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn spooled(&self) -> Result<(Vec<Spooled>, u64, BTreeMap<u32, u64>)> {
-        let read = self.database.begin_read()?;
-        let spool = read.open_table(SPOOL)?;
-        let next = spool.last()?.map_or(0, |(number, _)| number.value() + 1);
-        let messages = spool.iter()?.map(|entry| decode(entry?.1.value())).collect::<Result<_>>()?;
-        let trimmed = read.open_table(TRIMMED)?;
-        let trimmed = trimmed.iter()?.map(|entry| entry.map(|(topic, sequence)| (topic.value(), sequence.value())));
-        Ok((messages, next, trimmed.collect::<Result<_, _>>()?))
+        let spool = self.shelf.range(Table::Spool, &[])?;
+        let next = spool.last().map_or(Ok(0), |(key, _)| number(key).map(|last| last + 1))?;
+        let messages = spool.iter().map(|(_, bytes)| decode(bytes)).collect::<Result<_>>()?;
+        let topic = |key: &[u8]| key.try_into().map(u32::from_be_bytes).context("no code of a topic");
+        let trimmed = self.shelf.range(Table::Trimmed, &[])?;
+        let trimmed = trimmed.iter().map(|(key, sequence)| Ok((topic(key)?, number(sequence)?)));
+        Ok((messages, next, trimmed.collect::<Result<_>>()?))
     }
 
     /// The entries of the journal from `first` on.
@@ -343,79 +324,28 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn journal(&self, first: u64) -> Result<Vec<Entry>> {
-        let read = self.database.begin_read()?;
-        let journal = read.open_table(JOURNAL)?;
-        journal.range(first..)?.map(|entry| decode(entry?.1.value())).collect()
+        self.shelf.range(Table::Journal, &key(first))?.iter().map(|(_, bytes)| decode(bytes)).collect()
     }
 }
 
-fn moments(read: &redb::ReadTransaction) -> Result<BTreeMap<u64, Moment>> {
-    let snapshots = read.open_table(SNAPSHOTS)?;
-    // The moment comes first in a snapshot.
-    snapshots
-        .iter()?
-        .map(|entry| {
-            entry.map_err(Into::into).and_then(|(generation, bytes)| Ok((generation.value(), decode(bytes.value())?)))
-        })
-        .collect()
+/// What a shelf begins with: which run it is of.
+#[must_use]
+pub fn beginning(run: u64) -> Change {
+    Change::put(Table::Run, Vec::new(), key(run))
 }
 
-/// Removes what processes left that were killed while they made this store.
-fn sweep_unfinished(file: &Path) {
-    let Some((folder, stem)) = file.parent().zip(file.file_stem()) else { return };
-    let prefix = format!("{}.new-", stem.to_string_lossy());
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().starts_with(&prefix) {
-            // Gone already is as good.
-            let _ = std::fs::remove_file(entry.path());
-        }
-    }
+/// A number as a key: in order.
+fn key(number: u64) -> Vec<u8> {
+    number.to_be_bytes().to_vec()
+}
+
+fn number(key: &[u8]) -> Result<u64> {
+    Ok(u64::from_be_bytes(key.try_into().context("a key of another version")?))
 }
 
 /// What comes after it in `bytes` is left.
 fn decode<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T> {
-    postcard::take_from_bytes(bytes).map(|(value, _)| value).context("a stored state is of another version")
-}
-
-fn database(file: &Path, synced: bool) -> Result<Database> {
-    let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(file)?;
-    let mut builder = Database::builder();
-    builder.set_cache_size(CACHE_BYTES);
-    Ok(if synced {
-        builder.create_with_backend(FileBackend::new(open)?)?
-    } else {
-        builder.create_with_backend(Unsynced(FileBackend::new(open)?))?
-    })
-}
-
-/// A file that outlives its process, and need not outlive the machine.
-#[derive(Debug)]
-struct Unsynced(FileBackend);
-
-impl StorageBackend for Unsynced {
-    fn len(&self) -> io::Result<u64> {
-        self.0.len()
-    }
-
-    fn read(&self, offset: u64, out: &mut [u8]) -> io::Result<()> {
-        self.0.read(offset, out)
-    }
-
-    fn set_len(&self, len: u64) -> io::Result<()> {
-        self.0.set_len(len)
-    }
-
-    fn sync_data(&self) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn write(&self, offset: u64, data: &[u8]) -> io::Result<()> {
-        self.0.write(offset, data)
-    }
-
-    fn close(&self) -> io::Result<()> {
-        self.0.close()
-    }
+    postcard::take_from_bytes(bytes).map(|(value, _)| value).context("a stored state is of another version, or damaged")
 }
 
 #[cfg(test)]
@@ -485,6 +415,33 @@ mod tests {
         let (messages, next, trimmed) = Store::open(&file, 7, false, true).unwrap().spooled().unwrap();
         assert_eq!((messages.len() as u64, next), (TRIM_EVERY + 1 - 200, TRIM_EVERY + 1));
         assert_eq!((messages[0].sequence, trimmed[&9]), (201, 200));
+    }
+
+    /// Bytes of a whole store, flipped or cut wherever: an error that names the file, or what was stored; never a panic.
+    #[test]
+    fn a_damaged_store_is_told_with_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mapper.redb");
+        let mut store = Store::open(&file, 7, true, false).unwrap();
+        store.store(&moment(0, 0), changes(&[("a", Some(&[7; 5000])), ("b", Some(b"2"))]), 0).unwrap();
+        store.write_down(&entry(3)).unwrap();
+        drop(store);
+        let whole = std::fs::read(&file).unwrap();
+        let mut refused = 0;
+        for at in (0..whole.len()).step_by(whole.len() / 60) {
+            let mut flipped = whole.clone();
+            flipped[at] ^= 0x55;
+            for bytes in [flipped.as_slice(), &whole[..at]] {
+                std::fs::write(&file, bytes).unwrap();
+                let error = match Store::check(&file, 7) {
+                    Ok(()) => continue,
+                    Err(error) => format!("{error:#}"),
+                };
+                assert!(error.contains("mapper.redb"), "{error}");
+                refused += 1;
+            }
+        }
+        assert!(refused > 60, "{refused}");
     }
 
     #[test]

@@ -1,0 +1,90 @@
+//! What a store lies on: tables of bytes by bytes, changed together or not at all.
+
+use anyhow::Result;
+
+/// A table of a store.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Table {
+    /// One entry: the run that the store is of.
+    Run,
+    /// Generation → a snapshot.
+    Snapshots,
+    /// Number → what took effect and can't be read once more.
+    Journal,
+    /// The parts of the only state, where older ones are never gone back to.
+    Parts,
+    /// Number → a message of a sensor that can't give it again.
+    Spool,
+    /// Code of a topic → the last of its messages that is not in the spool any more.
+    Trimmed,
+}
+
+impl Table {
+    /// Every table.
+    pub const ALL: [Self; 6] = [Self::Run, Self::Snapshots, Self::Journal, Self::Parts, Self::Spool, Self::Trimmed];
+
+    /// Its name on the shelf.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Run => "run",
+            Self::Snapshots => "snapshots",
+            Self::Journal => "journal",
+            Self::Parts => "parts",
+            Self::Spool => "spool",
+            Self::Trimmed => "trimmed",
+        }
+    }
+}
+
+/// A value that is put, or removed.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Change {
+    /// Where.
+    pub table: Table,
+    /// Under what.
+    pub key: Vec<u8>,
+    /// What; none: it is gone.
+    pub value: Option<Vec<u8>>,
+}
+
+impl Change {
+    /// This is there from now on.
+    #[must_use]
+    pub fn put(table: Table, key: Vec<u8>, value: Vec<u8>) -> Self {
+        Self { table, key, value: Some(value) }
+    }
+
+    /// Nothing is there any more.
+    #[must_use]
+    pub fn remove(table: Table, key: Vec<u8>) -> Self {
+        Self { table, key, value: None }
+    }
+}
+
+/// What a store lies on.
+pub trait Shelf: core::fmt::Debug {
+    /// The value under a key.
+    ///
+    /// # Errors
+    /// The store is broken.
+    fn get(&self, table: Table, key: &[u8]) -> Result<Option<Vec<u8>>>;
+
+    /// Keys and values from a key on, in order.
+    ///
+    /// # Errors
+    /// The store is broken.
+    fn range(&self, table: Table, from: &[u8]) -> Result<Vec<(Vec<u8>, Vec<u8>)>>;
+
+    /// The last key.
+    ///
+    /// # Errors
+    /// The store is broken.
+    fn last(&self, table: Table) -> Result<Option<Vec<u8>>>;
+
+    /// Changes all of this, or nothing.
+    ///
+    /// # Errors
+    /// The disk is full, or the store is broken: what was stored before is intact.
+    fn commit(&mut self, changes: Vec<Change>) -> Result<()>;
+}
