@@ -2,9 +2,11 @@
 
 mod evaluate;
 
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use echogrid_live::config::DEFAULT_PORT;
 use echogrid_replay::config::LogUnit;
 use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
 pub use evaluate::Evaluate;
@@ -132,6 +134,19 @@ pub enum Command {
         /// How well the heading is known: standard deviation, radians, or degrees, as in 2deg.
         #[arg(long, value_name = "ANGLE", default_value = "0", value_parser = angle)]
         heading_sigma: f64,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
+    /// Shows a running graph in a browser, on a page whose address is printed: the map as it grows, the robot, its readings, every
+    /// process; saves, pauses, corrects, and asks why.
+    Live {
+        /// Where the page is served: address and port, or either; 0.0.0.0 for other machines, too.
+        #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1", value_parser = listen)]
+        listen: SocketAddr,
+        /// A name of this machine by which browsers call it, besides its addresses and localhost; may be repeated.
+        #[arg(long = "host", value_name = "NAME")]
+        hosts: Vec<String>,
         /// Which graph; may be left out when only one runs.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
@@ -428,6 +443,10 @@ pub struct View {
     /// What the services log: error, warn, info (the life of each), debug, or as in ECHOGRID_LOG [default: warn].
     #[arg(long, value_name = "FILTER")]
     pub log_level: Option<String>,
+    /// Shows the run in a browser while it lasts, on a page whose address is printed; `--watch=0.0.0.0` shows it to other machines,
+    /// too.
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1", value_parser = listen)]
+    pub watch: Option<SocketAddr>,
     /// How they log it; as JSON, the launcher's own lines and the progress are JSON, too.
     #[arg(long, value_name = "FORMAT", value_parser = ["text", "json"], default_value = "text")]
     pub log_format: String,
@@ -487,6 +506,14 @@ fn angle(text: &str) -> Result<f64, String> {
     };
     let angle = number.parse::<f64>().ok().map(|number| number * scale).filter(|angle| angle.abs() <= 1e6);
     angle.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())
+}
+
+/// An address and a port, or either.
+fn listen(text: &str) -> Result<SocketAddr, String> {
+    let address = text.parse().or_else(|_| text.parse::<IpAddr>().map(|ip| SocketAddr::from((ip, DEFAULT_PORT))));
+    address
+        .or_else(|_| text.parse::<u16>().map(|port| SocketAddr::from((Ipv4Addr::LOCALHOST, port))))
+        .map_err(|_| "expected an address and a port, or either, as in 127.0.0.1:8750, 0.0.0.0 or 8750".to_owned())
 }
 
 /// The unit of a log's ranges.

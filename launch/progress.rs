@@ -45,7 +45,8 @@ impl Display {
         }
     }
 
-    fn print(&self, line: &str) {
+    /// A line, above the bar.
+    pub(crate) fn print(&self, line: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| write_line(line)),
             None => write_line(line),
@@ -79,22 +80,10 @@ fn style(known_length: bool) -> ProgressStyle {
 impl Observer for Display {
     fn event(&mut self, event: &Event<'_>) {
         // What went wrong is always worth a line, what goes well is not.
-        let (level, text) = match event {
-            Event::Restarting { name, why, number, after } => {
-                (Level::WARN, format!("{name} died ({why}): restart {number} in {:.1} s", after.as_secs_f64()))
-            }
-            Event::GivenUp { name, why } => {
-                (Level::WARN, format!("{name} died ({why}): given up, the others go on without it"))
-            }
-            Event::Rebuilt { why } => (Level::WARN, format!("{why}: the graph's shared memory is made anew")),
-            Event::Note { name, what } => (Level::WARN, format!("{name} {what}")),
-            _ if !self.lives => return,
-            Event::Started { name, pid } => (Level::INFO, format!("{name} started (process {pid})")),
-            Event::Ready => (Level::INFO, "all services ready".to_owned()),
-            Event::Stopping { signal } => (Level::INFO, format!("{signal}: the graph ends")),
-            Event::Ended { name, how } => (Level::INFO, format!("{name} ended: {how}")),
-        };
-        self.tell(level, &text);
+        let (level, text) = in_words(event);
+        if self.lives || level == Level::WARN {
+            self.tell(level, &text);
+        }
     }
 
     fn progress(&mut self, progress: &Progress<'_>) {
@@ -142,6 +131,24 @@ impl Observer for Display {
         } else {
             self.print(line);
         }
+    }
+}
+
+/// What happened, as a line; a warning where something went wrong.
+pub(crate) fn in_words(event: &Event<'_>) -> (Level, String) {
+    match event {
+        Event::Restarting { name, why, number, after } => {
+            (Level::WARN, format!("{name} died ({why}): restart {number} in {:.1} s", after.as_secs_f64()))
+        }
+        Event::GivenUp { name, why } => {
+            (Level::WARN, format!("{name} died ({why}): given up, the others go on without it"))
+        }
+        Event::Rebuilt { why } => (Level::WARN, format!("{why}: the graph's shared memory is made anew")),
+        Event::Note { name, what } => (Level::WARN, format!("{name} {what}")),
+        Event::Started { name, pid } => (Level::INFO, format!("{name} started (process {pid})")),
+        Event::Ready => (Level::INFO, "all services ready".to_owned()),
+        Event::Stopping { signal } => (Level::INFO, format!("{signal}: the graph ends")),
+        Event::Ended { name, how } => (Level::INFO, format!("{name} ended: {how}")),
     }
 }
 

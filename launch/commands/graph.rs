@@ -19,6 +19,7 @@ use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
 use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
 
+use super::live::{Watch, Watched};
 use super::spool::Spool;
 use super::{doctor, folder};
 use crate::cli::View;
@@ -115,11 +116,15 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     };
     limits::allow_files(limits::files_needed(config.services.len() as u64));
     let start = SystemTime::now();
-    let mut display = Display::new(view.quiet, view.tells_lives());
+    let watch = view.watch.map(|listen| Watch::new(graph.domain.name(), listen)).transpose()?;
+    let mut display = Watched { display: Display::new(view.quiet, view.tells_lives()), watch };
+    if let Some(watch) = &display.watch {
+        display.display.print(&format!("live page: {}", watch.address()));
+    }
     if !request.resume
         && MapFiles::names(&config.publisher.map_files()).iter().any(|name| config.run.out.join(name).exists())
     {
-        display.remark(&format!(
+        display.display.remark(&format!(
             "{}: the map of an earlier run is replaced there when this one is saved (--out names another folder)",
             config.run.out.display()
         ));

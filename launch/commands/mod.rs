@@ -9,6 +9,7 @@ mod evaluate;
 mod experiment;
 mod folder;
 mod graph;
+mod live;
 mod observer;
 mod score;
 mod service;
@@ -66,6 +67,7 @@ pub fn run(cli: Cli) -> ExitCode {
             talk::fix(domain.as_deref(), Pose2 { x, y, theta }, sigma, heading_sigma)
         }
         Some(Command::Drive { v, w, domain }) => talk::drive(domain.as_deref(), v, w),
+        Some(Command::Live { domain, listen, hosts }) => live::run(live::Request { domain, listen, hosts }),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),
         Some(Command::Score { map, world, path, align, points, json, picture }) => {

@@ -166,7 +166,7 @@ fn none_runs() -> String {
 }
 
 /// The graph that was named, or the only one that runs.
-fn choose(domain: Option<&str>) -> Result<Domain> {
+pub(super) fn choose(domain: Option<&str>) -> Result<Domain> {
     if let Some(name) = domain {
         return Ok(Domain::named(name)?);
     }

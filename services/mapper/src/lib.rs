@@ -377,13 +377,17 @@ impl Service for MapperService {
         }
     }
 
-    fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {
+    fn command(&mut self, command: Command, out: &mut Outbox) -> Result<String> {
         let (paused, done, already) = match command {
             Command::Pause => (true, "mapping pauses", "mapping was paused already"),
             Command::Save => {
                 let saved =
                     self.save_readings()?.context("there are no readings to save (mapper.keep_readings keeps them)")?;
                 return Ok(format!("saved {}", saved.display()));
+            }
+            Command::Tiles => {
+                self.snapshot(out);
+                return Ok("every tile is told once more".to_owned());
             }
             Command::Resume => (false, "mapping goes on", "mapping was not paused"),
             _ => bail!("this service has nothing to {}", command.word()),

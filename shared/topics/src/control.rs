@@ -39,6 +39,8 @@ pub enum Command {
     Resume,
     /// The robot is here now.
     Fix(Fix),
+    /// Tell every tile of the map once more: who looks on came late, or fell behind.
+    Tiles,
     /// Drive like this until told otherwise.
     Drive {
         /// Forward speed, m/s.
@@ -57,6 +59,7 @@ impl Command {
             Self::Pause => "pause",
             Self::Resume => "resume",
             Self::Fix(_) => "fix",
+            Self::Tiles => "tell tiles",
             Self::Drive { .. } => "drive",
         }
     }
@@ -69,6 +72,7 @@ impl Command {
             Self::Fix(Fix { pose: Pose2 { x, y, theta }, covariance, .. }) => {
                 (5, [x, y, theta, covariance[(0, 0)].sqrt(), covariance[(2, 2)].sqrt()])
             }
+            Self::Tiles => (7, [0.0; 5]),
             Self::Drive { v_mps, w_radps } => (6, [v_mps, w_radps, 0.0, 0.0, 0.0]),
         };
         ControlRequestWire { id, command, reserved: 0, arguments }
@@ -83,6 +87,7 @@ impl Command {
             2 => Self::Pause,
             3 => Self::Resume,
             5 => Self::Fix(Fix::about(Pose2 { x: a, y: b, theta: c }, d, e)),
+            7 => Self::Tiles,
             6 => Self::Drive { v_mps: a, w_radps: b },
             _ => return None,
         })

@@ -276,6 +276,12 @@ impl Canvas {
 }
 
 /// Level of a probability: 255 is certainly free.
+/// The level of a cell in the picture, 255·(1−p): 255 is free, 0 occupied; none where it is unknown.
+#[must_use]
+pub fn level(log_odds: f32) -> Option<u8> {
+    (!log_odds.is_nan()).then(|| grey(probability(log_odds)))
+}
+
 pub(super) fn grey(p: f32) -> u8 {
     ((1.0 - p) * 255.0).round() as u8
 }

@@ -185,7 +185,7 @@ impl Runtime {
         let (memory, stamp_ns) = (&mut self.memory, self.vitals.stamp_ns);
         let mut write_down = |command: Command| match command {
             // It changes no map.
-            Command::Save => Ok(()),
+            Command::Save | Command::Tiles => Ok(()),
             _ => memory.write_down_order(&at, stamp_ns, command),
         };
         Ok(orders.serve(&mut |command| {
