@@ -5,10 +5,12 @@
 use core::fmt::Debug;
 
 use echogrid_core::{Reading, Robot, Verdict};
-use echogrid_topics::wire::{
-    ControlRequestWire, EstimateWire, Field, FixWire, HealthWire, IncidentsWire, LocalizationRequestWire, MapInfoWire,
-    OdometryRawWire, ReadingWire, RobotWire, SensorWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
+use echogrid_topics::contract::{
+    EstimateWire, FixWire, HealthWire, IncidentsWire, LocalizationRequestWire, MapInfoWire,
+    OdometryRawWire, ReadingWire, RobotWire, SensorWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire,
 };
+use echogrid_topics::control::ControlRequestWire;
+use echogrid_topics::wire::{Field, Wire};
 use echogrid_topics::{
     Command, Health, LocalizationFix, LocalizationRequest, MapInfo, PoseEstimate, RawOdometry, TileUpdate, TruePose,
     TrueWorld,

@@ -3,7 +3,7 @@
 
 use echogrid::config::parse_robot;
 use echogrid_core::Robot;
-use echogrid_topics::wire::RobotWire;
+use echogrid_topics::contract::RobotWire;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

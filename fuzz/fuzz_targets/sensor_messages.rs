@@ -13,7 +13,7 @@ use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_mapper::MapperService;
 use echogrid_odometry::OdometryService;
 use echogrid_service::{Input, Outbox, Sensor, Service, local};
-use echogrid_topics::wire::{
+use echogrid_topics::contract::{
     MapInfoWire, OdometryRawWire, ReadingWire, RobotWire, SensorWire, TileWire, TruePoseWire, VerdictWire,
 };
 use echogrid_topics::{MapInfo, Message, RawOdometry, TileUpdate, Topic, TruePose};
@@ -133,7 +133,7 @@ impl Service for Receiver {
         let Input::Message { message, .. } = input else { return Ok(()) };
         match message {
             Message::Tile(tile) => drop(TileUpdate::try_from(&TileWire::from(&tile))?),
-            Message::Info(info) => assert_eq!(MapInfo::try_from(&MapInfoWire::from(&*info))?, *info),
+            Message::Info(info) => assert_eq!(MapInfo::try_from(&MapInfoWire::from(&info))?, info),
             Message::Verdicts(verdicts) => {
                 for verdict in &verdicts {
                     assert_eq!(&<(u16, _)>::try_from(&VerdictWire::from(verdict))?, verdict);

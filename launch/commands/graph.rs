@@ -17,7 +17,7 @@ use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
 use echogrid_topics::Domain;
-use echogrid_topics::wire::{MAX_SENSORS, RobotWire};
+use echogrid_topics::contract::{MAX_SENSORS, RobotWire};
 
 use super::live::{Watch, Watched};
 use super::spool::Spool;

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_core::{Fix, Pose2};
 use echogrid_formats::map::MapFormat;
 use echogrid_service::Plan;
-use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Message, Participant, Received, Topic};
+use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Participant, Received};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::config::{self, ServiceKind};
@@ -108,7 +108,7 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
         text += &match heard.get(name) {
             None => format!("{name:<10} not heard of within {} s\n", HEARD_WITHIN.as_secs()),
             Some(health) => {
-                let state = super::topic::state(health.state);
+                let state = health.state.word();
                 let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
                 let Health { pid, progress, faults, lost, .. } = health;
                 format!("{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost\n")
@@ -131,12 +131,12 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
 
 /// The map in numbers, as the mapper told last.
 fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
-    let mut port = Input::open(participant, Topic::MapInfo)?;
+    let mut port: Input<MapInfo> = Input::typed(participant)?;
     let deadline = Instant::now() + HEARD_WITHIN;
     loop {
         port.hush()?;
-        if let Some(Received::Message(_, Message::Info(info))) = port.receive()? {
-            return Ok(Some(*info));
+        if let Some(Received::Message(_, info)) = port.receive()? {
+            return Ok(Some(info));
         }
         let left = deadline.saturating_duration_since(Instant::now());
         if left.is_zero() {
@@ -179,13 +179,13 @@ pub(super) fn choose(domain: Option<&str>) -> Result<Domain> {
 
 /// What the services say of themselves, until `services` of them were heard.
 fn listen(participant: &Participant, services: usize) -> Result<BTreeMap<String, Health>> {
-    let mut port = Input::open(participant, Topic::Health)?;
+    let mut port: Input<Health> = Input::typed(participant)?;
     let mut heard = BTreeMap::new();
     let deadline = Instant::now() + HEARD_WITHIN;
     while heard.len() < services {
         port.hush()?;
         while let Some(received) = port.receive()? {
-            if let Received::Message(_, Message::Health(health)) = received {
+            if let Received::Message(_, health) = received {
                 heard.insert(health.service.clone(), health);
             }
         }

@@ -24,7 +24,7 @@ use child::{Line, Process, logging_environment};
 use clock::Clock;
 use deadlines::Debt;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Health, Input, Message, Received, ServiceState};
+use echogrid_topics::{Health, Received, ServiceState};
 use janitor::{Cleaned, Janitor};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -185,7 +185,7 @@ impl<'a> Supervisor<'a> {
 
     fn wait(&self) -> Result<()> {
         let mut fds: Vec<BorrowedFd<'_>> = vec![self.signals.fd()];
-        fds.extend([&self.ports.health, &self.ports.info].into_iter().filter_map(Input::fd));
+        fds.extend([self.ports.health.fd(), self.ports.info.fd()].into_iter().flatten());
         fds.extend(self.units.iter().filter_map(Unit::alive).map(Process::fd));
         fds.extend(self.janitor.as_ref().map(Janitor::fd));
         let mut fds: Vec<PollFd<'_>> = fds.into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
@@ -300,7 +300,7 @@ impl<'a> Supervisor<'a> {
         self.ports.health.hush()?;
         let mut newcomers = false;
         while let Some(received) = self.ports.health.receive()? {
-            let Received::Message(_, Message::Health(health)) = received else { continue };
+            let Received::Message(_, health) = received else { continue };
             if let Some(unit) = self.units.iter_mut().find(|unit| unit.name == health.service) {
                 let first_ns = Some(health.first_stamp_ns).filter(|first_ns| *first_ns > 0);
                 self.outcome.first_ns = self.outcome.first_ns.into_iter().chain(first_ns).min();
@@ -312,13 +312,13 @@ impl<'a> Supervisor<'a> {
         }
         self.ports.info.hush()?;
         while let Some(received) = self.ports.info.receive()? {
-            if let Received::Message(_, Message::Info(info)) = received {
-                self.outcome.map = Some(*info);
+            if let Received::Message(_, info) = received {
+                self.outcome.map = Some(info);
             }
         }
         self.ports.world.hush()?;
         while let Some(received) = self.ports.world.receive()? {
-            if let Received::Message(_, Message::TrueWorld(world)) = received {
+            if let Received::Message(_, world) = received {
                 self.outcome.world = Some(world);
             }
         }
@@ -440,7 +440,7 @@ impl<'a> Supervisor<'a> {
     fn tell_who_is_gone(&mut self) -> Result<()> {
         for unit in self.units.iter().filter(|unit| matches!(unit.stage, Stage::Done | Stage::Lost)) {
             let gone = Health::new(unit.name.clone(), std::process::id(), ServiceState::Gone);
-            self.ports.word.send(0, &Message::Health(gone))?;
+            self.ports.word.send(0, &gone)?;
         }
         Ok(self.ports.word.ring()?)
     }

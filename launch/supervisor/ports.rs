@@ -1,18 +1,18 @@
 //! The launcher's ends of the graph, which is its own.
 
 use anyhow::Result;
-use echogrid_topics::{Input, Output, Owner, Topic};
+use echogrid_topics::{Health, Input, MapInfo, Output, Owner, TrueWorld};
 
 use super::run::Graph;
 
 /// The launcher's ends of the graph.
 #[derive(Debug)]
 pub(super) struct Ports {
-    pub(super) health: Input,
-    pub(super) info: Input,
-    pub(super) world: Input,
+    pub(super) health: Input<Health>,
+    pub(super) info: Input<MapInfo>,
+    pub(super) world: Input<TrueWorld>,
     /// What the launcher says of services that can't say it themselves.
-    pub(super) word: Output,
+    pub(super) word: Output<Health>,
     // Last: what the others are ports of.
     owner: Owner,
 }
@@ -27,10 +27,10 @@ impl Ports {
         graph.plan.write(owner.domain())?;
         let participant = owner.participant();
         Ok(Self {
-            health: Input::open(participant, Topic::Health)?,
-            info: Input::open(participant, Topic::MapInfo)?,
-            world: Input::open(participant, Topic::TrueWorld)?,
-            word: Output::open(participant, Topic::Health, graph.plan.max_readings, graph.plan.epoch, &[])?,
+            health: Input::typed(participant)?,
+            info: Input::typed(participant)?,
+            world: Input::typed(participant)?,
+            word: Output::typed(participant, graph.plan.max_readings, graph.plan.epoch, &[])?,
             owner,
         })
     }
@@ -41,13 +41,12 @@ impl Ports {
         self.owner.renew(graph.plan.max_readings, &names)?;
         graph.plan.write(self.owner.domain())?;
         let participant = self.owner.participant();
-        let open = |topic| Input::open(participant, topic);
-        let word = Output::open(participant, Topic::Health, graph.plan.max_readings, graph.plan.epoch, &[])?;
+        let word = Output::typed(participant, graph.plan.max_readings, graph.plan.epoch, &[])?;
         // To close what is wedged could hang.
         std::mem::forget((
-            std::mem::replace(&mut self.health, open(Topic::Health)?),
-            std::mem::replace(&mut self.info, open(Topic::MapInfo)?),
-            std::mem::replace(&mut self.world, open(Topic::TrueWorld)?),
+            std::mem::replace(&mut self.health, Input::typed(participant)?),
+            std::mem::replace(&mut self.info, Input::typed(participant)?),
+            std::mem::replace(&mut self.world, Input::typed(participant)?),
             std::mem::replace(&mut self.word, word),
         ));
         Ok(())

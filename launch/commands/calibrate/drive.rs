@@ -135,6 +135,6 @@ impl Asks {
         });
         let estimate = PoseEstimate::plain(Estimate::certain(guess), 1.0, 0.0);
         let request = LocalizationRequest { id: self.poses, estimate, reason: Reason::Schedule };
-        self.tell(stamp_ns, Message::Request(Box::new(request)))
+        self.tell(stamp_ns, Message::Request(request))
     }
 }

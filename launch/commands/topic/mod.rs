@@ -8,15 +8,13 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use echogrid_topics::{Delivery, Received, Topic};
+use echogrid_topics::{Received, Topic};
 use reader::{Next, Reader};
 use serde_json::{Value, json};
 
 use super::talk;
 use crate::cli::TopicCommand;
 use crate::config::ServiceKind;
-
-pub(super) use json::state;
 
 /// Carries out `echogrid topic …`.
 pub(super) fn run(command: &TopicCommand) -> Result<()> {
@@ -53,14 +51,8 @@ fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
         }
     }
     let topics = Topic::ALL.map(|topic| {
-        let delivery = match topic.delivery() {
-            Delivery::Lossless => "lossless",
-            Delivery::Relayed => "relayed",
-            Delivery::Latest => "latest",
-            Delivery::Droppable => "droppable",
-        };
         let writers: Vec<&str> = writers.get(topic.name()).into_iter().flatten().copied().collect();
-        (topic.name(), delivery, writers, readers.get(topic.name()).cloned().unwrap_or_default())
+        (topic.name(), topic.delivery().word(), writers, readers.get(topic.name()).cloned().unwrap_or_default())
     });
     if as_json {
         let topics = topics.map(|(name, delivery, writers, readers)| {
@@ -84,11 +76,11 @@ fn echo(topic: Topic, domain: Option<&str>, count: Option<u64>, as_json: bool) -
             Next::Over | Next::Nothing => break,
         };
         let line = match &received {
-            Received::Message(header, message) if as_json => json::line(header, "message", json::value(message)),
+            Received::Message(header, message) if as_json => json::line(header, "message", message.json()),
             Received::End(header) if as_json => json::line(header, "end", Value::Bool(true)),
             Received::Told(header, pid) if as_json => json::line(header, "told", Value::from(*pid)),
             Received::Faulty(header, fault) if as_json => json::line(header, "fault", Value::String(fault.to_string())),
-            Received::Message(header, message) => json::text(header, &json::brief(message).to_string()),
+            Received::Message(header, message) => json::text(header, &message.brief().to_string()),
             Received::End(header) => json::text(header, "the stream ends"),
             Received::Told(header, pid) => json::text(header, &format!("process {pid} has been told all that counts")),
             Received::Faulty(header, fault) => json::text(header, &format!("faulty: {fault}")),

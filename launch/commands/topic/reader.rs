@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use echogrid_service::Plan;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Health, Input, Message, Output, Participant, Received, ServiceState, Topic};
+use echogrid_topics::{Health, Input, Output, Participant, Received, ServiceState, Topic};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
@@ -37,7 +37,7 @@ pub(super) struct Reader {
     /// Another one: the graph was made anew, and this memory is nobody's any more.
     inode: u64,
     // What it said would go with it.
-    _greeting: Output,
+    _greeting: Output<Health>,
     // Last: ports go before the process leaves the domain.
     _participant: Participant,
 }
@@ -98,10 +98,10 @@ impl Reader {
 
 /// Says that somebody came: producers then hand over what they keep for that, which they would else do when they next have
 /// something to say.
-fn greet(participant: &Participant, plan: &Plan) -> Result<Output> {
-    let mut greeting = Output::open(participant, Topic::Health, plan.max_readings, plan.epoch, &[])?;
+fn greet(participant: &Participant, plan: &Plan) -> Result<Output<Health>> {
+    let mut greeting = Output::typed(participant, plan.max_readings, plan.epoch, &[])?;
     let health = Health::new("echogrid topic", std::process::id(), ServiceState::Running);
-    greeting.send(0, &Message::Health(health))?;
+    greeting.send(0, &health)?;
     greeting.ring()?;
     Ok(greeting)
 }

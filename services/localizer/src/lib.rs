@@ -116,7 +116,7 @@ impl Service for LocalizerService {
                 self.state.truth.push(stamp_ns, pose.map_from_base);
             }
             Input::Message { stamp_ns, message: Message::Request(request), .. } => {
-                self.state.waiting.push_back((stamp_ns, *request));
+                self.state.waiting.push_back((stamp_ns, request));
             }
             Input::Finish if self.state.unanswered > 1 => {
                 tracing::warn!(requests = self.state.unanswered, "so often where the robot was could not be told");
@@ -165,7 +165,7 @@ mod tests {
     fn request(id: u64) -> Message {
         let estimate = Estimate::certain(Pose2::IDENTITY);
         let estimate = PoseEstimate { degraded: true, hold: true, ..PoseEstimate::plain(estimate, 0.1, 1.0) };
-        Message::Request(Box::new(LocalizationRequest { id, estimate, reason: Reason::Degraded }))
+        Message::Request(LocalizationRequest { id, estimate, reason: Reason::Degraded })
     }
 
     #[test]

@@ -18,7 +18,7 @@ use echogrid_core::{
     SensorKind, Tile, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Input, Outbox, Plan, Service, process};
-use echogrid_topics::wire::MAX_SENSORS;
+use echogrid_topics::contract::MAX_SENSORS;
 use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
 use readings::ReadingsFile;
 use serde::{Deserialize, Serialize};
@@ -271,14 +271,14 @@ impl MapperService {
         self.send_tiles(out, tiles, sonars.flat_map(of_sonar));
         if self.scans > 0 {
             let info = self.info(GridSummary::of(mapper.grid()));
-            out.send(self.stamp_ns, Message::Info(Box::new(info)));
+            out.send(self.stamp_ns, Message::Info(info));
         }
     }
 
     fn publish_info(&mut self, out: &mut Outbox) {
         let summary = self.mapper.as_ref().map(|mapper| self.summary.of(mapper.grid())).unwrap_or_default();
         let info = self.info(summary);
-        out.send(self.stamp_ns, Message::Info(Box::new(info)));
+        out.send(self.stamp_ns, Message::Info(info));
     }
 
     fn info(&self, summary: GridSummary) -> MapInfo {

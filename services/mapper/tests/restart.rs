@@ -116,7 +116,7 @@ fn said(mut out: Outbox) -> Vec<(u64, Said)> {
             let cells = tile.log_odds.iter().map(|value| value.to_bits()).collect();
             Said::Tile(tile.layer, (tile.index.x, tile.index.y), tile.revision, cells)
         }
-        Message::Info(info) => Said::Info(*info),
+        Message::Info(info) => Said::Info(info),
         message => Said::Other(format!("{message:?}")),
     };
     std::iter::from_fn(|| out.pop()).map(|(stamp_ns, message)| (stamp_ns, said(message))).collect()

@@ -213,7 +213,7 @@ impl OdometryService {
             self.state.requests += 1;
             let request = LocalizationRequest { id: self.state.requests, estimate, reason };
             self.state.asked = Some(Asked { stamp_ns, request: request.clone() });
-            out.send(stamp_ns, Message::Request(Box::new(request)));
+            out.send(stamp_ns, Message::Request(request));
         }
     }
 
@@ -359,7 +359,7 @@ impl Service for OdometryService {
         if let Some(Asked { stamp_ns, request }) =
             self.state.asked.clone().filter(|_| topic == Topic::LocalizationRequest)
         {
-            out.send(stamp_ns, Message::Request(Box::new(request)));
+            out.send(stamp_ns, Message::Request(request));
         }
     }
 

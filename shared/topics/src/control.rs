@@ -17,7 +17,7 @@ use iceoryx2::service::port_factory::{event, request_response};
 use serde::{Deserialize, Serialize};
 
 use crate::participant::{Participant, TopicError};
-use crate::wire::{ControlReplyWire, ControlRequestWire, bytes_to_text, text_to_bytes};
+use crate::wire::{ZeroCopySend, bytes_to_text, text_to_bytes, wire};
 
 const REQUEST: usize = 0;
 const REPLY: usize = 1;
@@ -27,6 +27,35 @@ const CLIENTS: usize = 8;
 type Factory = request_response::PortFactory<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
 type ClientPort = Client<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
 type ServerPort = Server<ipc::Service, ControlRequestWire, (), ControlReplyWire, ()>;
+
+wire! {
+    /// `control`, request to one service.
+    "echogrid/ControlRequest/2" ControlRequestWire {
+        /// The same on every repetition: a request is carried out once.
+        id: u64,
+        /// 1 save, 2 pause, 3 resume, 5 fix, 6 drive.
+        command: u32,
+        /// Zero.
+        reserved: u32,
+        /// For a fix: x, y (metres), θ (radians), standard deviations of position (metres) and heading (radians).
+        /// For driving: forward speed (m/s), turn rate (rad/s).
+        arguments: [f64; 5],
+    }
+}
+
+wire! {
+    /// `control`, reply.
+    "echogrid/ControlReply/1" ControlReplyWire {
+        /// Of the request.
+        id: u64,
+        /// 1 done, 0 refused.
+        done: u32,
+        /// Zero.
+        reserved: u32,
+        /// What was done, or why not; UTF-8, padded with zeros.
+        text: [u8; 480],
+    }
+}
 
 /// What a service can be told.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

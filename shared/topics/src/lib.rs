@@ -1,28 +1,32 @@
 //! The contract between echogrid's processes: message types and their layouts, topics and their
 //! quality of service, domains. No other crate names iceoryx2.
 
+mod content;
+pub mod contract;
 pub mod control;
 pub mod domain;
 pub mod janitor;
 pub mod memory;
-pub mod message;
 pub mod owner;
 pub mod participant;
 mod place;
 pub mod port;
+mod shape;
 mod shared_memory;
+mod table;
 pub mod topic;
 mod window;
 pub mod wire;
 
+pub use content::{Carried, Content};
+pub use contract::{
+    Ack, Health, Layer, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
+    ServiceState, TileUpdate, Topic, TruePose, TrueWorld,
+};
 pub use control::{Command, ControlServer};
 pub use domain::{Claim, Domain, DomainError};
-pub use message::{
-    Ack, Health, Layer, LocalizationFix, LocalizationRequest, MapInfo, Message, PoseEstimate, RawOdometry,
-    ServiceState, TileUpdate, TruePose, TrueWorld,
-};
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};
 pub use port::{Carrier, Input, Mailbox, Output, Received};
-pub use topic::{Delivery, Topic};
+pub use topic::Delivery;
 pub use wire::Header;

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::os::fd::BorrowedFd;
 use std::rc::Rc;
 
-use crate::message::Message;
+use crate::contract::Message;
 use crate::participant::TopicError;
 use crate::port::{Carrier, Mailbox, Received};
 use crate::topic::{Qos, Topic};

@@ -3,21 +3,15 @@
 use std::path::PathBuf;
 
 use iceoryx2::node::Node;
-use iceoryx2::prelude::{AttributeSpecifier, EventId, ZeroCopySend, ipc};
+use iceoryx2::prelude::{EventId, ipc};
 
 use crate::control;
 use crate::domain::{Claim, Domain, check_memory, files_needed};
-use crate::participant::{Bell, Participant, Sized, Slice, TopicError, attribute_failed, service_name};
-use crate::topic::{Qos, Topic, memory_budget_bytes};
-use crate::wire::{
-    EstimateWire, FixWire, Header, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
-    RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire, Wire,
-};
+use crate::participant::{Bell, MAX_NODES, Participant, TopicError, service_name};
+use crate::topic::{Topic, memory_budget_bytes};
 
 /// A producer appeared, left, died.
 const PRODUCER_EVENTS: [usize; 3] = [1, 2, 3];
-/// Processes per topic, tools included.
-const MAX_NODES: usize = 32;
 const MAX_LISTENERS: usize = 16;
 
 /// The launcher's part: it alone creates topics, so that no worker's death can leave one half made.
@@ -90,64 +84,13 @@ fn topics(
     let mut topics: Vec<Box<dyn core::fmt::Debug>> = Vec::new();
     for topic in Topic::ALL {
         let node = participant.node();
-        let qos = topic.qos(max_readings);
-        topics.push(match topic {
-            Topic::RobotDescription => Box::new(create_sized::<RobotWire>(node, topic, qos)?),
-            Topic::OdometryRaw => Box::new(create_sized::<OdometryRawWire>(node, topic, qos)?),
-            Topic::RangeScan => Box::new(create_slice::<ReadingWire>(node, topic, qos)?),
-            Topic::OdometryEstimate => Box::new(create_sized::<EstimateWire>(node, topic, qos)?),
-            Topic::MapTiles => Box::new(create_sized::<TileWire>(node, topic, qos)?),
-            Topic::MapInfo => Box::new(create_sized::<MapInfoWire>(node, topic, qos)?),
-            Topic::RangeVerdict => Box::new(create_slice::<VerdictWire>(node, topic, qos)?),
-            Topic::Health => Box::new(create_sized::<HealthWire>(node, topic, qos)?),
-            Topic::TruePose => Box::new(create_sized::<TruePoseWire>(node, topic, qos)?),
-            Topic::TrueWorld => Box::new(create_sized::<TrueWorldWire>(node, topic, qos)?),
-            Topic::LocalizationRequest => Box::new(create_sized::<LocalizationRequestWire>(node, topic, qos)?),
-            Topic::LocalizationFix => Box::new(create_sized::<FixWire>(node, topic, qos)?),
-        });
+        topics.push((topic.row().create)(node, topic, &topic.qos(max_readings))?);
         topics.push(Box::new(create_bell(node, topic)?));
     }
     for service in services {
         topics.extend(control::create(participant.node(), service)?);
     }
     Ok(topics)
-}
-
-fn specifier(schema: &str) -> Result<AttributeSpecifier, TopicError> {
-    let key = "schema".try_into().map_err(attribute_failed)?;
-    let value = schema.try_into().map_err(attribute_failed)?;
-    AttributeSpecifier::new().define(&key, &value).map_err(attribute_failed)
-}
-
-macro_rules! create {
-    ($node:ident, $topic:ident, $qos:ident, $payload:ty, $schema:expr) => {
-        $node
-            .service_builder(&service_name($topic)?)
-            .publish_subscribe::<$payload>()
-            .user_header::<Header>()
-            .max_nodes(MAX_NODES)
-            .max_publishers($qos.publishers)
-            .max_subscribers($qos.subscribers)
-            .history_size($qos.history)
-            .subscriber_max_buffer_size($qos.buffer)
-            .subscriber_max_borrowed_samples(2)
-            // A stalled consumer must never block a sensor; back-pressure is by acknowledgement.
-            .enable_safe_overflow(true)
-            .create_with_attributes(&specifier($schema)?)
-            .map_err(|e| TopicError::Topic { topic: $topic.name(), what: "creating it", reason: e.to_string() })
-    };
-}
-
-fn create_sized<W: Wire>(node: &Node<ipc::Service>, topic: Topic, qos: Qos) -> Result<Sized<W>, TopicError> {
-    create!(node, topic, qos, W, W::SCHEMA)
-}
-
-fn create_slice<W: Wire + ZeroCopySend>(
-    node: &Node<ipc::Service>,
-    topic: Topic,
-    qos: Qos,
-) -> Result<Slice<W>, TopicError> {
-    create!(node, topic, qos, [W], W::SCHEMA)
 }
 
 fn create_bell(node: &Node<ipc::Service>, topic: Topic) -> Result<Bell, TopicError> {

@@ -21,6 +21,9 @@ pub(crate) const SENT: usize = 0;
 /// How long a topic may take to appear: the launcher creates all before it starts anyone.
 const OPEN_WITHIN: Duration = Duration::from_secs(2);
 
+/// Processes per topic, tools included.
+pub(crate) const MAX_NODES: usize = 32;
+
 pub(crate) type Sized<W> = publish_subscribe::PortFactory<ipc::Service, W, Header>;
 pub(crate) type Slice<W> = publish_subscribe::PortFactory<ipc::Service, [W], Header>;
 pub(crate) type Bell = event::PortFactory<ipc::Service>;
@@ -171,4 +174,8 @@ fn open<F>(
             Err(e) => return Err(TopicError::Topic { topic: topic.name(), what: "opening it", reason: e.to_string() }),
         }
     }
+}
+
+pub(crate) fn failed(topic: Topic, what: &'static str, reason: impl ToString) -> TopicError {
+    TopicError::Topic { topic: topic.name(), what, reason: reason.to_string() }
 }

@@ -1,6 +1,6 @@
 //! A reader's place in a stream: what is new, what was there before, what is missing, what can't be.
 
-use crate::message::Fault;
+use crate::contract::Fault;
 use crate::topic::Delivery;
 use crate::wire::Header;
 
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     fn header(life: u32, sequence: u64) -> Header {
-        Header { sequence, epoch: 7, stamp_ns: sequence.saturating_mul(10), flags: 0, life }
+        Header { sequence, epoch: 7, stamp_ns: sequence.saturating_mul(10), life, ..Header::default() }
     }
 
     fn follow(place: &mut Place, header: &Header) -> Step {

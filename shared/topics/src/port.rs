@@ -5,26 +5,22 @@
 
 use std::os::fd::BorrowedFd;
 
-use crate::message::{Ack, Fault, Health, Message};
+use crate::content::Content;
+use crate::contract::{Ack, Fault, Health, Message};
 use crate::participant::{Participant, TopicError};
 use crate::place::{Place, Step};
 use crate::shared_memory;
 use crate::topic::Topic;
 use crate::window::Window;
-use crate::wire::Header;
-
-/// Header flag: the stream ends here.
-pub(crate) const END: u32 = 1;
-/// Header flag, on relayed topics: the process whose number `stamp_ns` is has been told all that counts.
-pub(crate) const TOLD: u32 = 2;
+use crate::wire::{END, Header, TOLD};
 
 /// What carries the messages of an output to whoever reads them.
-pub trait Carrier: core::fmt::Debug {
+pub trait Carrier<M = Message>: core::fmt::Debug {
     /// Sends a message, without waking anyone; none: one that says no more than its header does.
     ///
     /// # Errors
     /// Shared memory refuses, the message belongs to another topic, or a scan is too long.
-    fn put(&mut self, header: Header, message: Option<&Message>) -> Result<(), TopicError>;
+    fn put(&mut self, header: Header, message: Option<&M>) -> Result<(), TopicError>;
 
     /// Hands the latest messages to consumers that came late.
     ///
@@ -40,12 +36,12 @@ pub trait Carrier: core::fmt::Debug {
 }
 
 /// Where the messages of an input arrive.
-pub trait Mailbox: core::fmt::Debug {
+pub trait Mailbox<M = Message>: core::fmt::Debug {
     /// The next message of any producer.
     ///
     /// # Errors
     /// Shared memory refuses.
-    fn get(&mut self) -> Result<Option<Received>, TopicError>;
+    fn get(&mut self) -> Result<Option<Received<M>>, TopicError>;
 
     /// Takes note of the wake-ups so far.
     ///
@@ -59,9 +55,9 @@ pub trait Mailbox: core::fmt::Debug {
 
 /// A topic to write to.
 #[derive(Debug)]
-pub struct Output {
+pub struct Output<M = Message> {
     topic: Topic,
-    carrier: Box<dyn Carrier>,
+    carrier: Box<dyn Carrier<M>>,
     epoch: u64,
     life: u32,
     sequence: u64,
@@ -84,15 +80,34 @@ impl Output {
         epoch: u64,
         consumers: &[String],
     ) -> Result<Self, TopicError> {
-        let carrier = shared_memory::carrier(participant, topic, max_readings)?;
+        let carrier = (topic.row().carrier)(participant, max_readings)?;
         let window = topic.qos(max_readings).window;
         Ok(Self::over(carrier, topic, window, (epoch, new_epoch()), consumers))
     }
+}
 
+impl<T: Content> Output<T> {
+    /// As [`Output::open`], of a topic that is known when the program is written.
+    ///
+    /// # Errors
+    /// The topic can't be opened.
+    pub fn typed(
+        participant: &Participant,
+        max_readings: usize,
+        epoch: u64,
+        consumers: &[String],
+    ) -> Result<Self, TopicError> {
+        let carrier = Box::new(shared_memory::Writer::<T>::open(participant, max_readings)?);
+        let window = T::TOPIC.qos(max_readings).window;
+        Ok(Self::over(carrier, T::TOPIC, window, (epoch, new_epoch()), consumers))
+    }
+}
+
+impl<M> Output<M> {
     /// An output over something that carries messages, of the run and the life of these numbers.
     #[must_use]
     pub fn over(
-        carrier: Box<dyn Carrier>,
+        carrier: Box<dyn Carrier<M>>,
         topic: Topic,
         window: u64,
         (run, life): (u64, u64),
@@ -169,7 +184,7 @@ impl Output {
     ///
     /// # Errors
     /// Shared memory refuses, the message belongs to another topic, or a scan is too long.
-    pub fn send(&mut self, stamp_ns: u64, message: &Message) -> Result<(), TopicError> {
+    pub fn send(&mut self, stamp_ns: u64, message: &M) -> Result<(), TopicError> {
         self.put(self.next_header(stamp_ns, 0), Some(message))
     }
 
@@ -190,7 +205,7 @@ impl Output {
     }
 
     /// What every consumer has is counted and not sent.
-    fn put(&mut self, header: Header, message: Option<&Message>) -> Result<(), TopicError> {
+    fn put(&mut self, header: Header, message: Option<&M>) -> Result<(), TopicError> {
         if !self.is_known() {
             self.carrier.put(header, message)?;
             self.unrung = true;
@@ -221,17 +236,16 @@ impl Output {
         Ok(())
     }
 
-    fn next_header(&self, stamp_ns: u64, flags: u32) -> Header {
-        Header { sequence: self.sequence + 1, epoch: self.epoch, stamp_ns, flags, life: self.life }
+    fn next_header(&self, stamp_ns: u64, flags: u16) -> Header {
+        Header { sequence: self.sequence + 1, epoch: self.epoch, stamp_ns, flags, robot: 0, life: self.life }
     }
 }
 
 /// What came in.
 #[derive(Debug)]
-#[expect(clippy::large_enum_variant, reason = "nearly all are messages: a box for each would cost more than it saves")]
-pub enum Received {
+pub enum Received<M = Message> {
     /// A message.
-    Message(Header, Message),
+    Message(Header, M),
     /// The stream ended.
     End(Header),
     /// All that counts was told to this process.
@@ -240,9 +254,13 @@ pub enum Received {
     Faulty(Header, Fault),
 }
 
-impl Received {
+impl<M> Received<M> {
     /// What a message of this header is, whose content `decode` tells.
-    pub(crate) fn judge(header: Header, decode: impl FnOnce() -> Result<Message, Fault>) -> Self {
+    pub(crate) fn judge(header: Header, decode: impl FnOnce() -> Result<M, Fault>) -> Self {
+        if header.robot != 0 {
+            let value = header.robot.to_string();
+            return Self::Faulty(header, Fault { field: "robot", value, expected: "0, the only robot of the graph" });
+        }
         if header.flags & END != 0 {
             return Self::End(header);
         }
@@ -258,9 +276,9 @@ impl Received {
 
 /// A topic to read from.
 #[derive(Debug)]
-pub struct Input {
+pub struct Input<M = Message> {
     topic: Topic,
-    mailbox: Box<dyn Mailbox>,
+    mailbox: Box<dyn Mailbox<M>>,
     place: Place,
 }
 
@@ -270,12 +288,24 @@ impl Input {
     /// # Errors
     /// The topic can't be opened.
     pub fn open(participant: &Participant, topic: Topic) -> Result<Self, TopicError> {
-        Ok(Self::over(shared_memory::mailbox(participant, topic)?, topic))
+        Ok(Self::over((topic.row().mailbox)(participant)?, topic))
     }
+}
 
+impl<T: Content> Input<T> {
+    /// As [`Input::open`], of a topic that is known when the program is written.
+    ///
+    /// # Errors
+    /// The topic can't be opened.
+    pub fn typed(participant: &Participant) -> Result<Self, TopicError> {
+        Ok(Self::over(Box::new(shared_memory::Reader::<T>::open(participant)?), T::TOPIC))
+    }
+}
+
+impl<M> Input<M> {
     /// An input over something that messages arrive in.
     #[must_use]
-    pub fn over(mailbox: Box<dyn Mailbox>, topic: Topic) -> Self {
+    pub fn over(mailbox: Box<dyn Mailbox<M>>, topic: Topic) -> Self {
         Self { topic, mailbox, place: Place::default() }
     }
 
@@ -309,7 +339,7 @@ impl Input {
     ///
     /// # Errors
     /// Shared memory refuses.
-    pub fn receive(&mut self) -> Result<Option<Received>, TopicError> {
+    pub fn receive(&mut self) -> Result<Option<Received<M>>, TopicError> {
         while let Some(received) = self.mailbox.get()? {
             let (Received::Message(header, _)
             | Received::End(header)

@@ -1,35 +1,9 @@
-//! The topics: names, delivery, quality of service.
+//! What a topic promises, and the room that it gets. The topics themselves stand in [`crate::contract`].
 
-/// A stream of messages between processes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-#[repr(u32)]
-pub enum Topic {
-    /// Sensors and footprint of the robot.
-    RobotDescription = 1,
-    /// Poses as the drive reports them.
-    OdometryRaw = 2,
-    /// Readings of a sonar ring or lidar scan.
-    RangeScan = 3,
-    /// Poses in the map frame with their errors.
-    OdometryEstimate = 4,
-    /// Tiles of the grid that changed.
-    MapTiles = 5,
-    /// The map in numbers.
-    MapInfo = 6,
-    /// What became of each reading.
-    RangeVerdict = 7,
-    /// How each service is doing.
-    Health = 8,
-    /// Where the robot really is, from a sensor that knows: a simulator, or a log with true poses. Not for odometry or
-    /// mapper, which have to do without.
-    TruePose = 9,
-    /// The odometry asks where the robot is.
-    LocalizationRequest = 10,
-    /// The answer, and fixes that nobody asked for.
-    LocalizationFix = 11,
-    /// The world that a simulated robot is in. Not for odometry or mapper either.
-    TrueWorld = 12,
-}
+use serde::{Serialize, Serializer};
+
+pub use crate::contract::Topic;
+use crate::wire::Layout;
 
 /// What a topic promises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,6 +25,17 @@ impl Delivery {
     #[must_use]
     pub fn is_stream(self) -> bool {
         matches!(self, Self::Lossless | Self::Relayed)
+    }
+
+    /// As people say it.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Lossless => "lossless",
+            Self::Relayed => "relayed",
+            Self::Latest => "latest",
+            Self::Droppable => "droppable",
+        }
     }
 }
 
@@ -74,60 +59,28 @@ pub struct Qos {
 }
 
 impl Topic {
-    /// Every topic.
-    pub const ALL: [Self; 12] = [
-        Self::RobotDescription,
-        Self::OdometryRaw,
-        Self::RangeScan,
-        Self::OdometryEstimate,
-        Self::MapTiles,
-        Self::MapInfo,
-        Self::RangeVerdict,
-        Self::Health,
-        Self::TruePose,
-        Self::LocalizationRequest,
-        Self::LocalizationFix,
-        Self::TrueWorld,
-    ];
-
     /// Its name among the services of a domain.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::RobotDescription => "robot/description",
-            Self::OdometryRaw => "odometry/raw",
-            Self::RangeScan => "range/scan",
-            Self::OdometryEstimate => "odometry/estimate",
-            Self::MapTiles => "map/tiles",
-            Self::MapInfo => "map/info",
-            Self::RangeVerdict => "range/verdict",
-            Self::Health => "health",
-            Self::TruePose => "truth/pose",
-            Self::LocalizationRequest => "localization/request",
-            Self::LocalizationFix => "localization/fix",
-            Self::TrueWorld => "truth/world",
-        }
+        self.row().name
     }
 
-    /// The topic with this code on the wire.
+    /// Its number on the wire.
+    #[must_use]
+    pub fn code(self) -> u32 {
+        self as u32
+    }
+
+    /// The topic with this number on the wire.
     #[must_use]
     pub fn from_code(code: u32) -> Option<Self> {
-        Self::ALL.into_iter().find(|topic| *topic as u32 == code)
+        Self::ALL.into_iter().find(|topic| topic.code() == code)
     }
 
     /// What it promises.
     #[must_use]
     pub fn delivery(self) -> Delivery {
-        match self {
-            Self::OdometryRaw | Self::RangeScan | Self::OdometryEstimate | Self::TruePose => Delivery::Lossless,
-            // A tile is newer than the last of its place, and a request can be made again.
-            Self::MapTiles | Self::LocalizationRequest => Delivery::Relayed,
-            // Who waits for a fix waits for one at a time.
-            Self::RobotDescription | Self::MapInfo | Self::Health | Self::LocalizationFix | Self::TrueWorld => {
-                Delivery::Latest
-            }
-            Self::RangeVerdict => Delivery::Droppable,
-        }
+        self.row().delivery
     }
 
     /// Whether its numbering goes on over the lives of its producers.
@@ -136,74 +89,45 @@ impl Topic {
         self.delivery() == Delivery::Lossless
     }
 
+    /// Name, version and layout of its messages, or of what they are a slice of.
+    #[must_use]
+    pub fn layout(self) -> &'static Layout {
+        self.row().layout
+    }
+
+    /// Whether a message is a slice of what [`Topic::layout`] says.
+    #[must_use]
+    pub fn is_slice(self) -> bool {
+        self.row().is_slice
+    }
+
     /// Quality of service where scans hold at most `max_readings` readings.
-    ///
-    /// Histories outlast the longest outage that is to be survived (20 s of odometry at 100 Hz);
-    /// for large scans they are limited by memory instead.
     #[must_use]
     pub fn qos(self, max_readings: usize) -> Qos {
-        use crate::wire::{
-            EstimateWire, FixWire, HealthWire, LocalizationRequestWire, MapInfoWire, OdometryRawWire, ReadingWire,
-            RobotWire, TileWire, TruePoseWire, TrueWorldWire, VerdictWire,
-        };
-        let stream = Qos {
-            history: 2048,
-            buffer: 4096,
-            window: 1024,
-            subscribers: 5,
-            publishers: 2,
-            slice_len: 1,
-            element_size: 0,
-        };
-        let latest = Qos { history: 1, buffer: 1, window: u64::MAX, subscribers: 8, ..stream };
-        match self {
-            Self::OdometryRaw => Qos { element_size: size_of::<OdometryRawWire>(), ..stream },
-            Self::OdometryEstimate => Qos { element_size: size_of::<EstimateWire>(), ..stream },
-            Self::RangeScan => {
-                let scan_bytes = max_readings.max(1) * size_of::<ReadingWire>();
-                let history = ((2 << 20) / scan_bytes).clamp(64, 2048);
-                Qos {
-                    history,
-                    buffer: 2 * history,
-                    window: (history / 2) as u64,
-                    slice_len: max_readings.max(1),
-                    element_size: size_of::<ReadingWire>(),
-                    ..stream
-                }
-            }
-            Self::MapTiles => {
-                // Whole tiles, each newer than the last of its place: a history of all would be far larger than the map.
-                Qos { history: 0, buffer: 128, window: 64, element_size: size_of::<TileWire>(), ..stream }
-            }
-            Self::RobotDescription => Qos { element_size: size_of::<RobotWire>(), ..latest },
-            Self::TrueWorld => Qos { element_size: size_of::<TrueWorldWire>(), ..latest },
-            Self::MapInfo => Qos { element_size: size_of::<MapInfoWire>(), ..latest },
-            Self::Health => {
-                Qos { buffer: 4, publishers: 16, subscribers: 16, element_size: size_of::<HealthWire>(), ..latest }
-            }
-            Self::TruePose => Qos { element_size: size_of::<TruePoseWire>(), ..stream },
-            // One at a time is on its way.
-            Self::LocalizationRequest => Qos {
-                history: 16,
-                buffer: 32,
-                window: 16,
-                element_size: size_of::<LocalizationRequestWire>(),
-                ..stream
-            },
-            Self::LocalizationFix => Qos { buffer: 16, element_size: size_of::<FixWire>(), ..latest },
-            Self::RangeVerdict => Qos {
-                history: 0,
-                buffer: 16,
-                window: u64::MAX,
-                slice_len: max_readings.max(1),
-                element_size: size_of::<VerdictWire>(),
-                ..stream
-            },
-        }
+        (self.row().qos)(max_readings)
+    }
+}
+
+impl Serialize for Topic {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
     }
 }
 
 impl Qos {
+    /// Of a stream that nothing of may be lost.
+    pub(crate) const STREAM: Self = Self {
+        history: 2048,
+        buffer: 4096,
+        window: 1024,
+        subscribers: 5,
+        publishers: 2,
+        slice_len: 1,
+        element_size: 0,
+    };
+    /// Of what only the latest value counts of.
+    pub(crate) const LATEST: Self = Self { history: 1, buffer: 1, window: u64::MAX, subscribers: 8, ..Self::STREAM };
+
     /// Bytes that one producer reserves for its messages (header 32 B, iceoryx2's own 64 B at most).
     #[must_use]
     pub fn segment_bytes(&self) -> u64 {

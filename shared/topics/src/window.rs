@@ -1,6 +1,6 @@
 //! How far a producer may be ahead of its consumers.
 
-use crate::message::{Health, ServiceState};
+use crate::contract::{Health, ServiceState};
 use crate::topic::Topic;
 
 /// A consumer that a producer waits for.
@@ -79,7 +79,7 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::Ack;
+    use crate::contract::Ack;
 
     fn health(pid: u32, topic: Topic, epoch: u64, sequence: u64) -> Health {
         Health { acks: vec![Ack { topic, epoch, sequence }], ..Health::new("mapper", pid, ServiceState::Running) }

@@ -1,26 +1,23 @@
-//! The messages as they lie in shared memory.
+//! How messages lie in shared memory.
 //!
 //! Every type is `#[repr(C)]`, in SI units, of fixed layout, and named `echogrid/<Name>/<version>`;
 //! a process in C, C++ or Python that iceoryx2 speaks to can declare the same. `layout.txt` beside
 //! this crate lists every field with its offset; a test fails when a layout changes and that file,
 //! with the version in it, does not.
 //!
-//! Enumerations travel as numbers and are checked on arrival: see [`crate::message`].
+//! Enumerations travel as numbers and are checked on arrival: see [`crate::contract`].
 
-use iceoryx2::prelude::ZeroCopySend;
+pub(crate) use iceoryx2::prelude::ZeroCopySend;
 
-/// Cells in a map tile (64 × 64).
-pub const TILE_CELLS: usize = 4096;
-/// Sensors that a robot description can hold.
-pub const MAX_SENSORS: usize = 256;
-// A description of every robot that there can be fits.
-const _: () = assert!(MAX_SENSORS == echogrid_core::robot::SENSORS_MAX);
-/// Inputs that a health message can acknowledge.
-pub const MAX_ACKS: usize = 8;
-/// Verdict kinds that a map info can count.
-pub const MAX_VERDICTS: usize = 16;
+use crate::control::{ControlReplyWire, ControlRequestWire};
+use crate::topic::Topic;
 
-/// One field of a wire type: name, type, offset in bytes.
+/// Header flag: the stream ends here.
+pub(crate) const END: u16 = 1;
+/// Header flag, on relayed topics: the process whose number `stamp_ns` is has been told all that counts.
+pub(crate) const TOLD: u16 = 2;
+
+/// One field of a wire type.
 #[derive(Debug, Clone, Copy)]
 pub struct Field {
     /// Name.
@@ -29,14 +26,29 @@ pub struct Field {
     pub ty: &'static str,
     /// Bytes from the start of the message.
     pub offset: usize,
+    /// The layout of a wire type within this one.
+    pub part: Option<&'static Layout>,
+}
+
+/// The layout of a wire type.
+#[derive(Debug, Clone, Copy)]
+pub struct Layout {
+    /// `echogrid/<Name>/<version>`.
+    pub schema: &'static str,
+    /// Bytes.
+    pub size: usize,
+    /// Bytes.
+    pub align: usize,
+    /// Fields in order.
+    pub fields: &'static [Field],
 }
 
 /// A message type with its name, version and layout.
 pub trait Wire: ZeroCopySend + core::fmt::Debug + Copy + Default + 'static {
     /// `echogrid/<Name>/<version>`.
     const SCHEMA: &'static str;
-    /// Fields in order.
-    const FIELDS: &'static [Field];
+    /// Name, size and fields.
+    const LAYOUT: &'static Layout;
 }
 
 macro_rules! wire {
@@ -48,438 +60,82 @@ macro_rules! wire {
         pub struct $name { $($(#[$fdoc])* pub $field: $ty,)* }
 
         impl Default for $name {
-            fn default() -> Self { Self { $($field: crate::wire::Zero::ZERO,)* } }
+            fn default() -> Self { crate::wire::Plain::ZERO }
         }
-        impl crate::wire::Zero for $name {
-            const ZERO: Self = Self { $($field: crate::wire::Zero::ZERO,)* };
+        impl crate::wire::Plain for $name {
+            const ZERO: Self = Self { $($field: crate::wire::Plain::ZERO,)* };
+            const PART: Option<&'static crate::wire::Layout> = Some(<Self as crate::wire::Wire>::LAYOUT);
         }
-        impl Wire for $name {
+        impl crate::wire::Wire for $name {
             const SCHEMA: &'static str = $schema;
-            const FIELDS: &'static [Field] = &[$(Field {
-                name: stringify!($field),
-                ty: stringify!($ty),
-                offset: core::mem::offset_of!($name, $field),
-            },)*];
+            const LAYOUT: &'static crate::wire::Layout = &crate::wire::Layout {
+                schema: $schema,
+                size: size_of::<$name>(),
+                align: align_of::<$name>(),
+                fields: &[$(crate::wire::Field {
+                    name: stringify!($field),
+                    ty: stringify!($ty),
+                    offset: core::mem::offset_of!($name, $field),
+                    part: <$ty as crate::wire::Plain>::PART,
+                },)*],
+            };
         }
     };
 }
+pub(crate) use wire;
 
-/// All-zero values, also of arrays longer than `Default` knows.
-pub trait Zero {
-    /// Zero.
+/// What a wire type is made of: numbers, arrays, other wire types.
+pub trait Plain {
+    /// All zero, also of arrays longer than `Default` knows.
     const ZERO: Self;
+    /// The layout of the wire type that it is, or is an array of.
+    const PART: Option<&'static Layout> = None;
 }
-macro_rules! zero { ($($ty:ty = $zero:expr),*) => { $(impl Zero for $ty { const ZERO: Self = $zero; })* } }
-zero!(u8 = 0, u16 = 0, u32 = 0, u64 = 0, i32 = 0, f32 = 0.0, f64 = 0.0);
-impl<T: Zero, const N: usize> Zero for [T; N] {
+macro_rules! plain { ($($ty:ty = $zero:expr),*) => { $(impl Plain for $ty { const ZERO: Self = $zero; })* } }
+plain!(u8 = 0, u16 = 0, u32 = 0, u64 = 0, i32 = 0, f32 = 0.0, f64 = 0.0);
+impl<T: Plain, const N: usize> Plain for [T; N] {
     const ZERO: Self = [T::ZERO; N];
+    const PART: Option<&'static Layout> = T::PART;
 }
 
 wire! {
     /// Goes with every message of every topic.
-    "echogrid/Header/2" Header {
+    "echogrid/Header/3" Header {
         /// Number of this message: 1, 2, 3 …; on a lossless topic within the run, else within the producer's life.
         sequence: u64,
         /// On a lossless topic the run's, as the plan says; else the producer's life.
         epoch: u64,
         /// When the content was true, by the sensor's clock, nanoseconds.
         stamp_ns: u64,
-        /// Bit 0: the stream ends here, the payload says nothing.
-        flags: u32,
+        /// Bit 0: the stream ends here; bit 1: the process whose number `stamp_ns` is has been told all that counts. The payload
+        /// says nothing in either case.
+        flags: u16,
+        /// Number of the robot that the message speaks of; 0: the only one.
+        robot: u16,
         /// The producer's life: differs after each restart.
         life: u32,
-    }
-}
-
-wire! {
-    /// A range sensor of the robot.
-    "echogrid/Sensor/1" SensorWire {
-        /// 1 sonar, 2 lidar.
-        kind: u32,
-        /// Index of its first transducer.
-        first_transducer: u16,
-        /// How many transducers.
-        transducers: u16,
-        /// Mount in the robot's base frame (x forward, y left), metres.
-        x_m: f64,
-        /// Metres.
-        y_m: f64,
-        /// Radians.
-        theta_rad: f64,
-        /// Bearing of the first transducer, radians.
-        first_bearing_rad: f64,
-        /// From one transducer to the next, radians.
-        bearing_step_rad: f64,
-        /// Full aperture of one transducer's cone, radians.
-        aperture_rad: f64,
-        /// Nearest measurable range, metres.
-        range_min_m: f64,
-        /// Range to which it can see at all, metres.
-        range_max_m: f64,
-        /// Range error as a share of the range.
-        range_error_ratio: f64,
-    }
-}
-
-wire! {
-    /// `robot/description`: the sensors and the footprint.
-    "echogrid/RobotDescription/2" RobotWire {
-        /// UTF-8, padded with zeros.
-        name: [u8; 64],
-        /// Along x, metres; 0 unknown.
-        footprint_length_m: f64,
-        /// Along y, metres; 0 unknown.
-        footprint_width_m: f64,
-        /// How many of `sensors` are in use.
-        sensor_count: u32,
-        /// Zero.
-        reserved: u32,
-        /// The sensors in the order of their transducers.
-        sensors: [SensorWire; 256],
-    }
-}
-
-wire! {
-    /// `odometry/raw`: what the drive believes, in its own odometry frame.
-    "echogrid/OdometryRaw/1" OdometryRawWire {
-        /// Metres.
-        x_m: f64,
-        /// Metres.
-        y_m: f64,
-        /// Radians, counter-clockwise.
-        theta_rad: f64,
-        /// Forward speed, m/s.
-        v_mps: f64,
-        /// Turn rate, rad/s.
-        w_radps: f64,
-    }
-}
-
-wire! {
-    /// One reading of a `range/scan` message, whose payload is a slice of these.
-    "echogrid/RangeReading/1" ReadingWire {
-        /// Metres from the transducer; counts only for a hit.
-        range_m: f64,
-        /// Nanoseconds after the stamp of the message.
-        offset_ns: i32,
-        /// Index into the robot's transducers.
-        transducer: u16,
-        /// 0 hit, 1 no echo, 2 invalid.
-        echo: u8,
-        /// Zero.
-        reserved: u8,
-    }
-}
-
-wire! {
-    /// What went wrong so often, since when, and how badly at worst.
-    "echogrid/Incidents/1" IncidentsWire {
-        /// Stamp of the first, nanoseconds.
-        first_ns: u64,
-        /// The greatest distance among them, metres.
-        largest_m: f64,
-        /// The greatest angle among them, radians.
-        largest_rad: f64,
-        /// How many; 0: the rest says nothing.
-        count: u32,
-        /// Zero.
-        reserved: u32,
-    }
-}
-
-wire! {
-    /// `odometry/estimate`: where the robot is in the map, and how far to trust that.
-    "echogrid/OdometryEstimate/4" EstimateWire {
-        /// Metres, map frame.
-        x_m: f64,
-        /// Metres, map frame.
-        y_m: f64,
-        /// Radians.
-        theta_rad: f64,
-        /// Covariance of (x, y, θ, `lin_scale`, `ang_scale`) on and above its diagonal, row by row; m, rad, 1.
-        covariance: [f64; 15],
-        /// What the drive is believed to measure too much of every translation, as a share of it, and is taken out.
-        lin_scale: f64,
-        /// Likewise of every rotation.
-        ang_scale: f64,
-        /// Λ: travelled since the last absolute fix, metres.
-        travel_m: f64,
-        /// Θ: turned since the last absolute fix, radians.
-        turn_rad: f64,
-        /// E_lin (eq 1), metres.
-        e_lin_m: f64,
-        /// E_ang (eq 2), radians.
-        e_ang_rad: f64,
-        /// ε_lin (eq 3), m².
-        eps_lin_m2: f64,
-        /// ε_ang (eq 4), rad².
-        eps_ang_rad2: f64,
-        /// Weight of a nominal reading, in [0, 1].
-        trust: f64,
-        /// Travelled since the start, metres.
-        distance_m: f64,
-        /// Absolute fixes so far.
-        fixes: u32,
-        /// Bit 0: degraded, readings hardly say anything any more; bit 1: mapping is to hold; bit 2: nothing has said yet where
-        /// the map lies, the pose is in the frame of `odometry/raw`.
-        flags: u32,
-        /// Fixes refused so far, for being too far off.
-        fixes_refused: u32,
-        /// Zero.
-        reserved: u32,
-        /// Leaps of the odometry so far: distance and turn of the leap.
-        leaps: IncidentsWire,
-        /// Fixes so far that the odometry contradicts, believed or not: how far the fix is from where the robot was believed to be.
-        contradictions: IncidentsWire,
-    }
-}
-
-wire! {
-    /// `map/tiles`: one tile that changed.
-    "echogrid/MapTile/2" TileWire {
-        /// The tile covers the cells 64 x … 64 x + 63 along x.
-        tile_x: i32,
-        /// Likewise along y.
-        tile_y: i32,
-        /// Number of the scan that changed it last.
-        revision: u64,
-        /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
-        resolution_m: f64,
-        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds.
-        layer: u16,
-        /// Number of the sonar, where the layer is one's; else 0.
-        sonar: u16,
-        /// Zero.
-        reserved: u32,
-        /// ln(p/(1−p)), of doubt metres; row by row, row 0 at the lowest y; NaN: no reading touched the cell.
-        log_odds: [f32; 4096],
-    }
-}
-
-wire! {
-    /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/6" MapInfoWire {
-        /// Number of the last scan in the map.
-        revision: u64,
-        /// Scans integrated.
-        scans: u64,
-        /// Cells that some reading touched.
-        cells_known: u64,
-        /// Cells with p > 0.65.
-        cells_occupied: u64,
-        /// Cells with p < 0.35.
-        cells_free: u64,
-        /// Sum over the known cells, bits.
-        entropy_bits: f64,
-        /// Of the latest estimate used.
-        trust: f64,
-        /// Travelled since the start, metres.
-        distance_m: f64,
-        /// Lowest cell along x, y, then highest along x, y; all 0 while nothing is known.
-        bounds: [i32; 4],
-        /// Readings by verdict code: the last verdict, where a fix changed it.
-        verdicts: [u64; 16],
-        /// How often a reading was fused again after a fix.
-        remapped: u64,
-        /// Readings that a fix could have changed, but for memory, or for being too far off for an error of the odometry.
-        remap_left: u64,
-        /// Leaps of the odometry so far: distance and turn of the leap.
-        leaps: IncidentsWire,
-        /// Fixes so far that the odometry contradicts, believed or not: how far the fix is from where the robot was believed to be.
-        contradictions: IncidentsWire,
-        /// Bit 0: the map is finished; bit 1: degraded, readings hardly say anything any more; bit 2: mapping holds;
-        /// bit 3: nothing has said yet where the map lies, nothing is mapped.
-        flags: u32,
-        /// Absolute fixes so far.
-        fixes: u32,
-        /// Fixes refused so far, for being too far off.
-        fixes_refused: u32,
-        /// How many of `sonar_verdicts` are in use.
-        sonar_count: u32,
-        /// Zero.
-        reserved: u32,
-        /// Readings by verdict code, 16 counts for each sonar, by its number; 2^32 − 1: that many or more.
-        sonar_verdicts: [u32; 4096],
-    }
-}
-
-wire! {
-    /// One verdict of a `range/verdict` message, whose payload is a slice of these, in the order of the scan with the same stamp.
-    "echogrid/RangeVerdict/1" VerdictWire {
-        /// Index into the robot's transducers.
-        transducer: u16,
-        /// Verdict code; 0 is accepted.
-        verdict: u8,
-        /// Zero.
-        reserved: u8,
-    }
-}
-
-wire! {
-    /// How far a consumer has integrated one of its inputs.
-    "echogrid/Ack/2" AckWire {
-        /// Topic code.
-        topic: u32,
-        /// Zero.
-        reserved: u32,
-        /// Epoch that the sequence belongs to; 0 before the first message.
-        epoch: u64,
-        /// Last sequence that will not be needed again: stored with all that came of it (lossless topics), or taken in.
-        sequence: u64,
-    }
-}
-
-wire! {
-    /// `health`: how a service is doing. Sent from its main loop, so it stops when the loop hangs.
-    "echogrid/Health/3" HealthWire {
-        /// UTF-8, padded with zeros.
-        service: [u8; 32],
-        /// Process id.
-        pid: u32,
-        /// 1 starting, 2 running, 3 draining, 4 finished, 5 failed, 6 gone for good (said by the launcher).
-        state: u32,
-        /// Messages taken in (of a sensor: given out).
-        progress: u64,
-        /// How many there will be in all; 0 unknown.
-        total: u64,
-        /// Stamp of the latest message handled, nanoseconds.
-        stamp_ns: u64,
-        /// Stamp of the first message of a stream that was handled, nanoseconds; 0: none yet.
-        first_stamp_ns: u64,
-        /// Messages refused as faulty.
-        faults: u64,
-        /// Messages known to be lost (gaps in a sequence).
-        lost: u64,
-        /// How many of `acks` are in use.
-        ack_count: u32,
-        /// Code of the topic that it can't go on without: an input has nothing new, or an output no room; 0: it works, or does not say.
-        waits_for: u32,
-        /// One per input.
-        acks: [AckWire; 8],
-        /// Last error, UTF-8, padded with zeros.
-        last_error: [u8; 512],
-    }
-}
-
-wire! {
-    /// `truth/pose`: where the robot really is; one before each message of `odometry/raw`, of the same stamp.
-    "echogrid/TruePose/1" TruePoseWire {
-        /// Metres, map frame.
-        x_m: f64,
-        /// Metres, map frame.
-        y_m: f64,
-        /// Radians.
-        theta_rad: f64,
-        /// 1 known; 0 not known at this time, and the pose says nothing.
-        known: u32,
-        /// Zero.
-        reserved: u32,
-    }
-}
-
-wire! {
-    /// `truth/world`: the world that a simulated robot is in.
-    "echogrid/TrueWorld/1" TrueWorldWire {
-        /// Name of a world that comes with echogrid, or the path of its file; UTF-8, padded with zeros.
-        name: [u8; 480],
-        /// Lowest x and y, then highest x and y of its walls, metres, map frame.
-        bounds_m: [f64; 4],
-    }
-}
-
-wire! {
-    /// `localization/request`: an absolute localization is wanted.
-    "echogrid/LocalizationRequest/4" LocalizationRequestWire {
-        /// Number of the request: 1, 2, 3 …
-        id: u64,
-        /// Where the robot believes to be at the stamp of the message.
-        estimate: EstimateWire,
-        /// 1 degraded, 2 by schedule, 3 nothing has said yet where the map lies, 4 after a leap of the odometry.
-        reason: u32,
-        /// Zero.
-        reserved: u32,
-    }
-}
-
-wire! {
-    /// `localization/fix`: where the robot was at the stamp of the message, or that this can't be told.
-    "echogrid/LocalizationFix/1" FixWire {
-        /// Of the request that it answers; 0: nobody asked.
-        request: u64,
-        /// Metres, map frame.
-        x_m: f64,
-        /// Metres, map frame.
-        y_m: f64,
-        /// Radians.
-        theta_rad: f64,
-        /// Covariance of (x, y, θ), row by row; m², m·rad, rad².
-        covariance: [f64; 9],
-        /// Bit 0 position known, bit 1 heading known; 0: no fix.
-        known: u32,
-        /// Zero.
-        reserved: u32,
-    }
-}
-
-wire! {
-    /// `control`, request to one service.
-    "echogrid/ControlRequest/2" ControlRequestWire {
-        /// The same on every repetition: a request is carried out once.
-        id: u64,
-        /// 1 save, 2 pause, 3 resume, 5 fix, 6 drive.
-        command: u32,
-        /// Zero.
-        reserved: u32,
-        /// For a fix: x, y (metres), θ (radians), standard deviations of position (metres) and heading (radians).
-        /// For driving: forward speed (m/s), turn rate (rad/s).
-        arguments: [f64; 5],
-    }
-}
-
-wire! {
-    /// `control`, reply.
-    "echogrid/ControlReply/1" ControlReplyWire {
-        /// Of the request.
-        id: u64,
-        /// 1 done, 0 refused.
-        done: u32,
-        /// Zero.
-        reserved: u32,
-        /// What was done, or why not; UTF-8, padded with zeros.
-        text: [u8; 480],
     }
 }
 
 /// The layouts of all message types as text: `layout.txt` of this crate.
 #[must_use]
 pub fn layouts() -> String {
-    fn one<W: Wire>(text: &mut String) {
-        use core::fmt::Write as _;
-        let _ = writeln!(text, "{} size {} align {}", W::SCHEMA, size_of::<W>(), align_of::<W>());
-        for field in W::FIELDS {
-            let _ = writeln!(text, "  {:>5} {}: {}", field.offset, field.name, field.ty);
-        }
+    let topics = Topic::ALL.map(|topic| topic.row().layout);
+    let orders = [ControlRequestWire::LAYOUT, ControlReplyWire::LAYOUT];
+    let mut told = Vec::new();
+    [Header::LAYOUT].iter().chain(&topics).chain(&orders).map(|layout| text(layout, &mut told)).collect()
+}
+
+/// A layout, after those of its parts; nothing of what was `told` already.
+fn text(layout: &Layout, told: &mut Vec<&'static str>) -> String {
+    if told.contains(&layout.schema) {
+        return String::new();
     }
-    let mut text = String::new();
-    one::<Header>(&mut text);
-    one::<SensorWire>(&mut text);
-    one::<RobotWire>(&mut text);
-    one::<OdometryRawWire>(&mut text);
-    one::<ReadingWire>(&mut text);
-    one::<IncidentsWire>(&mut text);
-    one::<EstimateWire>(&mut text);
-    one::<TileWire>(&mut text);
-    one::<MapInfoWire>(&mut text);
-    one::<VerdictWire>(&mut text);
-    one::<AckWire>(&mut text);
-    one::<HealthWire>(&mut text);
-    one::<TruePoseWire>(&mut text);
-    one::<TrueWorldWire>(&mut text);
-    one::<LocalizationRequestWire>(&mut text);
-    one::<FixWire>(&mut text);
-    one::<ControlRequestWire>(&mut text);
-    one::<ControlReplyWire>(&mut text);
-    text
+    told.push(layout.schema);
+    let Layout { schema, size, align, fields } = layout;
+    let parts: String = fields.iter().filter_map(|field| field.part).map(|part| text(part, told)).collect();
+    let fields = fields.iter().map(|field| format!("  {:>5} {}: {}\n", field.offset, field.name, field.ty));
+    format!("{parts}{schema} size {size} align {align}\n{}", fields.collect::<String>())
 }
 
 /// Text padded with zeros; cut at a character where it is too long.
@@ -539,9 +195,6 @@ mod tests {
             let size: usize = block.split(' ').nth(2).unwrap().parse().unwrap();
             assert_eq!(size % 2, 0, "{block}");
         }
-        assert_eq!(size_of::<ReadingWire>(), 8 + 4 + 2 + 1 + 1);
-        assert_eq!(size_of::<EstimateWire>(), 28 * 8 + 16 + 2 * 32);
-        assert_eq!(size_of::<TileWire>(), 4 + 4 + 8 + 8 + 2 + 2 + 4 + 4 * 4096);
     }
 
     #[test]

@@ -62,7 +62,7 @@ pub(crate) enum Found {
     /// The stream has ended.
     End,
     /// A message that broke its contract.
-    Faulty(Header, echogrid_topics::message::Fault),
+    Faulty(Header, echogrid_topics::contract::Fault),
     /// Something that changes nothing.
     Nothing,
 }

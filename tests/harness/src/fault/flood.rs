@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::Result;
 use echogrid_service::process;
 use echogrid_service::runtime::Runtime;
-use echogrid_topics::{Input, Message, Output, Participant, Received, ServiceState, Topic};
+use echogrid_topics::{Health, Input, Message, Output, Participant, Received, ServiceState, Topic};
 
 use super::walk::{OUTPUTS, odometry, robot, scan};
 
@@ -33,7 +33,7 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
         Output::open(&participant, *topic, plan.max_readings, plan.epoch + off, plan.consumers_of(*topic))
     };
     let mut outputs = OUTPUTS.iter().map(open).collect::<Result<Vec<_>, _>>()?;
-    let mut health = Input::open(&participant, Topic::Health)?;
+    let mut health = Input::typed(&participant)?;
     runtime.set_state(ServiceState::Running)?;
     while runtime.stop().is_none() && !outputs.iter().all(Output::is_met) {
         hear(&mut runtime, &mut health, &mut outputs)?;
@@ -59,12 +59,12 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
 }
 
 /// Listens to what the others say of themselves; whether somebody refused a message.
-fn hear(runtime: &mut Runtime, health: &mut Input, outputs: &mut [Output]) -> Result<bool> {
+fn hear(runtime: &mut Runtime, health: &mut Input<Health>, outputs: &mut [Output]) -> Result<bool> {
     process::block_on(runtime.attend(LONG))?;
     health.hush()?;
     let mut refused = false;
     while let Some(received) = health.receive()? {
-        if let Received::Message(_, Message::Health(health)) = received {
+        if let Received::Message(_, health) = received {
             refused |= health.faults > 0;
             outputs.iter_mut().for_each(|output| {
                 output.note(&health);
