@@ -100,7 +100,7 @@ fn deviations(fusion: Fusion, estimate: &Estimate, resolution_m: f64) -> Deviati
             let noise = echogrid_core::noise::NoiseTerms::one_sigma(&estimate.errors);
             Deviations::of(RANGE_M, APERTURE_RAD, RANGE_ERROR_RATIO, resolution_m, &estimate.errors, noise)
         }
-        Fusion::Covariance | Fusion::FirstEcho => {
+        Fusion::Covariance | Fusion::FirstEcho | Fusion::Oriented => {
             let covariance = estimate.pose_covariance();
             Deviations::of_covariance(RANGE_M, 0.0, APERTURE_RAD, RANGE_ERROR_RATIO, resolution_m, &covariance)
         }

@@ -51,7 +51,7 @@ fn robot() -> Robot {
 
 fuzz_target!(|bytes: &[u8]| {
     let Some((first, bytes)) = bytes.split_first() else { return };
-    let fusion = [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho][usize::from(first % 4)];
+    let fusion = [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented][usize::from(first % 5)];
     // A cell is so large that absurd ranges cost no minutes.
     let mapper = MapperConfig { resolution_m: 1.0, fusion, ..MapperConfig::default() };
     let mut numbers = Numbers { bytes, any: first & 4 != 0 };

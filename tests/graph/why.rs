@@ -23,7 +23,7 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn the_readings_of_a_cell_come_to_what_the_map_says() {
     let drive = Drive::new(8.0);
-    for fusion in ["paper", "covariance", "first_echo"] {
+    for fusion in ["paper", "covariance", "first_echo", "oriented"] {
         let fusion_is = format!("mapper.fusion={fusion}");
         let sets = [
             &KEEP[..],

@@ -20,6 +20,7 @@ const REMAP: &str = "mapper.remap=true";
 const PAPER: &str = "mapper.fusion=paper";
 const COVARIANCE: &str = "mapper.fusion=covariance";
 const FIRST_ECHO: &str = "mapper.fusion=first_echo";
+const ORIENTED: &str = "mapper.fusion=oriented";
 /// The odometry is believed.
 const SYSTEMATIC: &str = "odometry.systematic=off";
 const K_LL: &str = "odometry.k_ll=0";
@@ -48,6 +49,12 @@ const METHODS: &[Method] = &[
     Method { name: "first_echo, remap", sets: &[FIRST_ECHO, REMAP] },
     Method { name: "first_echo, lone, remap", sets: &[FIRST_ECHO, LONE, REMAP] },
     Method { name: "first_echo, 8 sonars, remap", sets: &[FIRST_ECHO, CORRIDOR, REMAP] },
+    Method { name: "oriented, no filter", sets: &[ORIENTED, RAW] },
+    Method { name: "oriented", sets: &[ORIENTED] },
+    Method { name: "oriented, 8 sonars", sets: &[ORIENTED, CORRIDOR] },
+    Method { name: "oriented, no filter, remap", sets: &[ORIENTED, RAW, REMAP] },
+    Method { name: "oriented, remap", sets: &[ORIENTED, REMAP] },
+    Method { name: "as it comes", sets: &[] },
 ];
 
 impl Method {

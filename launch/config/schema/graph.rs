@@ -286,10 +286,11 @@ static MAPPER: Section = Section {
         key("resolution_m", "a number of metres", "metres, side of a cell"),
         words(
             "fusion",
-            &["auto", "paper", "covariance", "first_echo"],
-            "one of auto, paper, covariance, first_echo",
+            &["auto", "paper", "covariance", "first_echo", "oriented"],
+            "one of auto, paper, covariance, first_echo, oriented",
             "auto: first_echo for sonars, paper for lidars; paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance; \
-             first_echo: Bayes' rule over the cone given the map so far, likewise with doubt by direction",
+             first_echo: Bayes' rule over the cone given the map so far, likewise with doubt by direction; oriented: the same, \
+             where smooth walls answer near their normal and mirror the sound away else",
         ),
         key("log_odds_max", "a number", "log-odds are kept within plus and minus this"),
         key("log_odds_prior", "a number", "l0, log-odds of a cell before any reading"),
@@ -322,18 +323,50 @@ static MAPPER: Section = Section {
         ),
         words(
             "no_echo",
-            &["ignore", "clear"],
-            "one of ignore, clear",
-            "what a reading without an echo says: nothing; clear: that its cone is rather empty (see echo_lost)",
+            &["auto", "ignore", "clear"],
+            "one of auto, ignore, clear",
+            "what a reading without an echo says: ignore: nothing; clear: that its cone is rather empty (see echo_lost, oriented_lost); \
+             auto: clear to oriented, which knows that walls mirror, and nothing to other rules",
         ),
-        key("echo_prior", "a probability", "of first_echo: how probably a cell is occupied before any reading"),
+        key(
+            "echo_prior",
+            "a probability",
+            "of first_echo and oriented: how probably a cell is occupied before any reading",
+        ),
         key("echo_detection", "a probability", "of first_echo: how probably an occupied cell on the axis answers"),
         key("echo_clutter", "a probability", "of first_echo: how probably an echo is nobody's (multipath, crosstalk)"),
         key("echo_lost", "a probability", "how probably an echo is lost, for no_echo = \"clear\""),
         key(
+            "oriented_detection",
+            "a probability from 0.001 to 0.999",
+            "of oriented: how probably what is there and does not mirror answers",
+        ),
+        key(
+            "oriented_diffuse",
+            "a probability from 0.001 to 0.999",
+            "of oriented: the share of what is occupied that is no smooth wall, and answers from everywhere",
+        ),
+        key(
+            "oriented_incidence_deg",
+            "degrees from 5 to 90",
+            "of oriented: degrees from its normal to which a wall answers",
+        ),
+        key("oriented_clutter", "a probability from 0.001 to 0.999", "of oriented: how probably an echo is nobody's"),
+        key("oriented_lost", "a probability from 0.001 to 0.999", "of oriented: how probably an echo is lost"),
+        key(
+            "oriented_clear_m",
+            "metres from 0.1 to 1000",
+            "of oriented: metres to which a reading without an echo clears",
+        ),
+        key(
+            "oriented_doubt_floor",
+            "a number from 0.01 to 1",
+            "of oriented: what is left of oriented_detection, at least, where the pose is in doubt",
+        ),
+        key(
             "tempering",
             "a number from 0 to 10",
-            "of first_echo: gains are multiplied by (σ of the range without odometry error / with it) to this power",
+            "of first_echo and oriented: gains are multiplied by (σ of the range without odometry error / with it) to this power",
         ),
         key(
             "remap",

@@ -248,7 +248,7 @@ impl MapperService {
             let Some(tile) = mapper.grid().tile(index) else { continue };
             out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
             if let Some(doubt) = mapper.doubt().and_then(|doubt| doubt.tile(index)) {
-                let doubt = Tile { revision: tile.revision, log_odds: doubt.log_odds.clone() };
+                let doubt = Tile { revision: tile.revision, log_odds: doubt.log_odds.clone(), shares: None };
                 out.send(self.stamp_ns, update(Layer::Doubt, index, &doubt, self.config.resolution_m));
             }
         }
@@ -310,7 +310,7 @@ impl MapperService {
 }
 
 fn update(layer: Layer, index: TileIndex, tile: &Tile, resolution_m: f64) -> Message {
-    let Tile { revision, log_odds } = tile.clone();
+    let (revision, log_odds) = (tile.revision, tile.log_odds.clone());
     Message::Tile(TileUpdate { layer, index, revision, resolution_m, log_odds })
 }
 

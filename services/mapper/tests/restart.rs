@@ -212,7 +212,7 @@ fn every_event_of(step: usize) -> BTreeMap<usize, usize> {
 
 #[test]
 fn whatever_fuses() {
-    for fusion in [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+    for fusion in [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
         check(&everything(fusion), &every_event_of(17));
         check(&MapperConfig { fusion, ..MapperConfig::default() }, &every_event_of(29));
     }

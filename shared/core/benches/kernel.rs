@@ -108,6 +108,18 @@ fn recorded_first_echo(bencher: Bencher<'_, '_>) {
 }
 
 #[divan::bench(sample_count = 5)]
+fn recorded_oriented(bencher: Bencher<'_, '_>) {
+    map(bencher, recorded().as_deref(), Work { fusion: Fusion::Oriented, ..first_echo(false) });
+}
+
+/// Of a robot that does not know where it is; what no echo says counts too.
+#[divan::bench(sample_count = 5)]
+fn recorded_oriented_all_cells_doubtful(bencher: Bencher<'_, '_>) {
+    let work = Work { fusion: Fusion::Oriented, errors: doubtful(), no_echo: NoEcho::Auto, ..first_echo(false) };
+    map(bencher, recorded().as_deref(), work);
+}
+
+#[divan::bench(sample_count = 5)]
 fn recorded_first_echo_filtered(bencher: Bencher<'_, '_>) {
     map(bencher, recorded().as_deref(), first_echo(true));
 }

@@ -253,6 +253,9 @@ pub enum Fusion {
     Covariance,
     /// The exact Bayes update of a cone given the map so far ([`crate::first_echo`]), with deviations by direction.
     FirstEcho,
+    /// The same where smooth walls mirror: each cell may be free, diffuse, or a wall that faces one of eight directions
+    /// ([`crate::oriented`]).
+    Oriented,
 }
 
 impl Fusion {
@@ -275,6 +278,20 @@ pub enum NoEcho {
     Ignore,
     /// That the cone is rather empty, as far as an echo is not lost (`echo_lost`).
     Clear,
+    /// That it is, where walls that mirror are part of the rule ([`Fusion::Oriented`]); else nothing.
+    Auto,
+}
+
+impl NoEcho {
+    /// Whether it says something to this rule.
+    #[must_use]
+    pub fn clears(self, rule: Fusion) -> bool {
+        match self {
+            Self::Ignore => false,
+            Self::Clear => true,
+            Self::Auto => rule == Fusion::Oriented,
+        }
+    }
 }
 
 /// Which sonars are used.
@@ -375,7 +392,21 @@ pub struct MapperConfig {
     pub echo_clutter: f64,
     /// m: how probably an echo is lost.
     pub echo_lost: f64,
-    /// τ of first_echo: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
+    /// r0 of oriented: how probably a cell answers that is occupied and mirrors nothing.
+    pub oriented_detection: f64,
+    /// q of oriented: of what is occupied, the share that is no smooth wall.
+    pub oriented_diffuse: f64,
+    /// α_c of oriented: up to so far from its normal a smooth wall answers, degrees.
+    pub oriented_incidence_deg: f64,
+    /// Of oriented: how probably an echo is nobody's (multipath, crosstalk).
+    pub oriented_clutter: f64,
+    /// Of oriented: how probably an echo is lost.
+    pub oriented_lost: f64,
+    /// Of oriented: to where no echo clears, metres.
+    pub oriented_clear_m: f64,
+    /// Of oriented: what is left of r0, at least, where the pose is uncertain.
+    pub oriented_doubt_floor: f64,
+    /// τ of first_echo and oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
     pub tempering: f64,
     /// Whether a fix has the readings since the last one fused again, where the robot was in hindsight.
     pub remap: bool,
@@ -417,11 +448,18 @@ impl Default for MapperConfig {
             min_trust: 0.02,
             sonars: SonarSelection::Word(SonarWord::All),
             novelty_m: 0.05,
-            no_echo: NoEcho::Ignore,
+            no_echo: NoEcho::Auto,
             echo_prior: 0.01,
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
+            oriented_detection: 0.95,
+            oriented_diffuse: 0.3,
+            oriented_incidence_deg: 25.0,
+            oriented_clutter: 0.4,
+            oriented_lost: 0.8,
+            oriented_clear_m: 2.5,
+            oriented_doubt_floor: 0.15,
             tempering: 0.5,
             remap: false,
             remap_readings_max: 50_000,
@@ -501,6 +539,21 @@ impl MapperConfig {
         probability("echo_detection", self.echo_detection)?;
         probability("echo_clutter", self.echo_clutter)?;
         probability("echo_lost", self.echo_lost)?;
+        for (key, value) in [
+            ("oriented_detection", self.oriented_detection),
+            ("oriented_diffuse", self.oriented_diffuse),
+            ("oriented_clutter", self.oriented_clutter),
+            ("oriented_lost", self.oriented_lost),
+        ] {
+            ConfigError::unless(within(value, 0.001, 0.999), key, value, "a probability from 0.001 to 0.999")?;
+        }
+        let incidence_deg = self.oriented_incidence_deg;
+        let degrees = "degrees, from 5 to 90";
+        ConfigError::unless(within(incidence_deg, 5.0, 90.0), "oriented_incidence_deg", incidence_deg, degrees)?;
+        let clear_m = self.oriented_clear_m;
+        ConfigError::unless(within(clear_m, 0.1, 1000.0), "oriented_clear_m", clear_m, "metres, from 0.1 to 1000")?;
+        let floor = self.oriented_doubt_floor;
+        ConfigError::unless(within(floor, 0.01, 1.0), "oriented_doubt_floor", floor, "a number from 0.01 to 1")?;
         ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")?;
         ConfigError::unless(
             (1..=10_000_000).contains(&self.keep_readings_max),

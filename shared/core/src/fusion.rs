@@ -1,16 +1,18 @@
-//! What a reading makes of the cells of its cone: the three rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
+//! What a reading makes of the cells of its cone: the rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
 use crate::config::{Fusion, MapperConfig, Noise};
 use crate::first_echo::FirstEcho;
 use crate::grid::{DirtyTiles, Grid};
-use crate::kernel::{EchoCone, FirstEchoKernel, Kernel};
+use crate::kernel::{EchoCone, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
 use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
 use crate::novelty::Novelty;
 use crate::odometry::Estimate;
+use crate::oriented::Oriented;
 use crate::pose::Pose2;
 use crate::robot::Transducer;
 use crate::sensor_model::{BAND, Cone, Deviations};
+use crate::shares::draw;
 use crate::verdict::Verdict;
 
 /// A reading that is to be fused.
@@ -53,6 +55,7 @@ pub(crate) struct Fuser {
     seed: u64,
     kernel: Kernel,
     first_echo: FirstEchoKernel,
+    oriented: OrientedKernel,
     pub(crate) novelty: Novelty,
 }
 
@@ -64,6 +67,12 @@ impl Fuser {
             seed,
             kernel: Kernel::new(config.log_odds_prior, config.log_odds_max),
             first_echo: FirstEchoKernel::new(config.log_odds_prior, config.log_odds_max),
+            oriented: OrientedKernel::new(
+                config.log_odds_prior,
+                config.log_odds_max,
+                config.oriented_diffuse,
+                config.oriented_incidence_deg.to_radians(),
+            ),
             novelty: Novelty::default(),
         }
     }
@@ -115,6 +124,10 @@ impl Fuser {
                 let cone = self.echo_cone(sounding, deviations, news);
                 self.first_echo.add(grid, dirty, map_from_transducer, &cone, sequence)
             }
+            Fusion::Oriented => {
+                let cone = self.oriented_cone(sounding, deviations, news);
+                self.oriented.add(grid, dirty, map_from_transducer, &cone, sequence)
+            }
         };
         added.map_err(|_| Verdict::OffMap)
     }
@@ -135,7 +148,7 @@ impl Fuser {
                 let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
                 Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
             }
-            Fusion::Covariance | Fusion::FirstEcho => {
+            Fusion::Covariance | Fusion::FirstEcho | Fusion::Oriented => {
                 let covariance = estimate.covariance_of(sensor.base_from_transducer);
                 let bearing_rad = estimate.pose.theta + sensor.base_from_transducer.theta;
                 Deviations::of_covariance(range_m, bearing_rad, aperture_rad, ratio, resolution_m, &covariance)
@@ -177,6 +190,31 @@ impl Fuser {
             prior_log_odds: log_odds_of(self.config.echo_prior),
             weight: news * libm::pow(sigma_z0_m / sigma_z_m, self.config.tempering),
             leaves_gaps: sounding.sensor.leaves_gaps,
+        }
+    }
+}
+
+impl Fuser {
+    /// Where the pose is uncertain less is expected to answer: who does not know where the wall is can't say that it was silent.
+    fn oriented_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> OrientedCone {
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
+        let sigma_z_m = deviations.sigma_z_m;
+        let sureness = self.sigma_z0_m(sounding) / sigma_z_m;
+        OrientedCone {
+            reading: Oriented {
+                range_m: sounding.range_m,
+                sigma_z_m,
+                clutter: self.config.oriented_clutter,
+                range_cap_m,
+                lost: self.config.oriented_lost,
+            },
+            detection: self.config.oriented_detection * sureness.max(self.config.oriented_doubt_floor).min(1.0),
+            clear_m: self.config.oriented_clear_m,
+            aperture_rad,
+            prior_log_odds: log_odds_of(self.config.echo_prior),
+            weight: news * libm::pow(sureness, self.config.tempering),
+            leaves_gaps: sounding.sensor.leaves_gaps,
+            draw: draw(sounding.sequence, sounding.transducer),
         }
     }
 }

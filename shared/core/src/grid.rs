@@ -8,6 +8,7 @@ use std::collections::{BTreeMap, btree_map};
 use serde::{Deserialize, Serialize};
 
 use crate::parts::{Parts, Saved, SavedError};
+use crate::shares::Shares;
 
 /// Cells along the side of a tile.
 pub const TILE_SIDE: usize = 64;
@@ -78,6 +79,8 @@ pub struct Tile {
     pub revision: u64,
     /// Log-odds, row by row, row 0 at the lowest y; NaN is unknown.
     pub log_odds: Box<[f32; TILE_CELLS]>,
+    /// What its cells would be if they are occupied; none: nothing but the log-odds is known.
+    pub shares: Option<Shares>,
 }
 
 impl Tile {
@@ -101,8 +104,9 @@ impl Tile {
     }
 }
 
-/// Of a saved tile: its revision, and its cells as they are.
-const TILE_BYTES: usize = size_of::<u64>() + TILE_CELLS * size_of::<f32>();
+/// Of a saved tile: its revision, its cells as they are, and whether their states follow.
+const CELLS_BYTES: usize = TILE_CELLS * size_of::<f32>();
+const TILE_BYTES: usize = size_of::<u64>() + CELLS_BYTES + 1;
 
 impl Tile {
     /// `bytes` with this tile after them, every bit of it.
@@ -110,18 +114,26 @@ impl Tile {
         bytes.reserve(TILE_BYTES);
         bytes.extend_from_slice(&self.revision.to_le_bytes());
         bytes.extend(self.log_odds.iter().flat_map(|value| value.to_le_bytes()));
+        bytes.push(u8::from(self.shares.is_some()));
+        if let Some(shares) = &self.shares {
+            shares.append_to(&mut bytes);
+        }
         bytes
     }
 
     /// The tile that `bytes`, of this part, begin with, and what comes after it.
     pub(crate) fn take_from<'a>(part: &str, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), SavedError> {
-        let (revision, rest) = bytes.split_first_chunk().ok_or_else(|| SavedError::new(part, "shorter than a tile"))?;
-        let (cells, rest) = rest
-            .split_at_checked(TILE_BYTES - size_of::<u64>())
-            .ok_or_else(|| SavedError::new(part, "shorter than a tile"))?;
+        let short = || SavedError::new(part, "shorter than a tile");
+        let (revision, rest) = bytes.split_first_chunk().ok_or_else(short)?;
+        let (cells, rest) = rest.split_at_checked(CELLS_BYTES).ok_or_else(short)?;
+        let (has_shares, mut rest) = rest.split_first().ok_or_else(short)?;
         let mut tile = Self { revision: u64::from_le_bytes(*revision), ..Self::default() };
         for (value, bytes) in tile.log_odds.iter_mut().zip(cells.as_chunks().0) {
             *value = f32::from_le_bytes(*bytes);
+        }
+        if *has_shares != 0 {
+            let (shares, behind) = Shares::take_from(part, rest)?;
+            (tile.shares, rest) = (Some(shares), behind);
         }
         Ok((tile, rest))
     }
@@ -129,7 +141,7 @@ impl Tile {
 
 impl Default for Tile {
     fn default() -> Self {
-        Self { revision: 0, log_odds: Box::new([UNKNOWN; TILE_CELLS]) }
+        Self { revision: 0, log_odds: Box::new([UNKNOWN; TILE_CELLS]), shares: None }
     }
 }
 

@@ -2,7 +2,7 @@
 
 mod saving;
 
-use crate::config::{ConfigError, MapperConfig, NoEcho, Noise};
+use crate::config::{ConfigError, MapperConfig, Noise};
 use crate::doubt::Doubt;
 use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding, Weighed};
@@ -159,7 +159,8 @@ impl GridMapper {
 
     /// Whether a reading without an echo says something.
     fn clears(&self, reading: &Reading) -> bool {
-        self.config.no_echo == NoEcho::Clear && self.channel(reading.transducer).is_some_and(|channel| channel.selected)
+        let is_told = |channel: Channel| self.config.no_echo.clears(self.config.fusion.of(channel.transducer.kind));
+        self.channel(reading.transducer).is_some_and(|channel| channel.selected && is_told(channel))
     }
 
     /// What a sonar says goes into its own map whatever the filters that came after the range limits thought of it.
@@ -201,8 +202,9 @@ impl GridMapper {
     ) -> Result<Weighed, Verdict> {
         // Is it an echo at all?
         let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
+        let clears = self.config.no_echo.clears(self.config.fusion.of(channel.transducer.kind));
         let range_m = match range_of(reading.echo) {
-            Err(Verdict::NoEcho) if self.config.no_echo == NoEcho::Clear => None,
+            Err(Verdict::NoEcho) if clears => None,
             heard => Some(heard?),
         };
         // Where was the robot then?
@@ -255,7 +257,7 @@ impl GridMapper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Fusion, Limit, LimitWord, SonarSelection};
+    use crate::config::{Fusion, Limit, LimitWord, NoEcho, SonarSelection};
     use crate::grid::CellIndex;
     use crate::odometry::OdometryErrors;
     use crate::pose::Pose2;
@@ -485,10 +487,22 @@ mod tests {
         }
     }
 
+    /// Where walls that mirror are part of the rule, nothing came back says it by itself: strongly, and not to the end.
+    #[test]
+    fn no_echo_clears_where_walls_mirror() {
+        let config = MapperConfig { fusion: Fusion::Oriented, ..MapperConfig::default() };
+        let mut mapper = GridMapper::new(&config, Noise::Sampled, 7, robot()).unwrap();
+        let nothing = Reading { echo: Echo::NoEcho, ..hit(0, 1.0) };
+        assert_eq!(mapper.integrate(1, &nothing, Some(&here())), Verdict::Accepted);
+        let at = |x: f64| mapper.grid().log_odds(mapper.grid().cell_at(x, 0.01));
+        assert!(at(1.0).unwrap() < -0.1, "{:?}", at(1.0));
+        assert!(at(2.6).unwrap() < 0.0 && at(2.8).is_none(), "{:?} {:?}", at(2.6), at(2.8));
+    }
+
     /// Ten minutes at 25 Hz change no cell more than their first second did.
     #[test]
     fn standing_still_adds_no_certainty() {
-        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             let mut mapper = mapper(|config| config.fusion = fusion).unwrap();
             let mut stand = |rings: core::ops::Range<u64>| {
                 rings.for_each(|ring| {

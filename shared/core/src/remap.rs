@@ -295,7 +295,7 @@ mod tests {
     fn the_map_is_that_of_hindsight() {
         let (way, after) = way();
         let smoothed = smooth(&way, &way[80], &after).unwrap();
-        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             let config = MapperConfig { fusion, ..config(true) };
             let mut remapped = mapper(&config);
             // What was there before the stretch stays.
@@ -328,7 +328,7 @@ mod tests {
             };
             mapper.doubt().unwrap().tiles().flat_map(cells).collect()
         };
-        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             // Several layers, too.
             let config = MapperConfig { fusion, doubt: true, remap_readings_max: 400, ..config(true) };
             let elsewhere = vec![Estimate::certain(Pose2::new(2.0, 0.5, 3.0)); 5];
@@ -354,7 +354,7 @@ mod tests {
 
     #[test]
     fn a_constant_doubt_is_that_constant() {
-        for fusion in [Fusion::Covariance, Fusion::FirstEcho] {
+        for fusion in [Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             let mut mapper = mapper(&MapperConfig { fusion, doubt: true, min_trust: 0.0, ..config(false) });
             let mut estimate = Estimate::certain(Pose2::new(2.0, 0.5, 3.0));
             (estimate.covariance[(0, 0)], estimate.covariance[(1, 1)]) = (0.01, 0.01);
@@ -373,7 +373,7 @@ mod tests {
     #[test]
     fn the_kept_readings_tell_why() {
         let (way, after) = way();
-        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+        for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             let config = MapperConfig { fusion, keep_readings: true, novelty_m: 0.3, ..config(true) };
             let mut mapper = mapper(&config);
             let check = |mapper: &GridMapper| {

@@ -13,6 +13,7 @@ use echogrid_core::kernel::{BOUND, Kernel};
 use echogrid_core::log_odds::{log_odds_of, probability_of};
 use echogrid_core::noise::NoiseTerms;
 use echogrid_core::odometry::{ErrorModel, Increment, Odometry, OdometryErrors, move_by};
+use echogrid_core::oriented::{DIRECTIONS, FacedCell, Oriented, Response};
 use echogrid_core::sensor_model::{BAND, Cone, Deviations, Region};
 use echogrid_core::{Matrix3, OdometryConfig, Pose2, wrap_angle};
 
@@ -68,9 +69,9 @@ impl Row<'_> {
     }
 }
 
-/// An empty field is none.
+/// An empty field is none, and so is the word.
 fn number(field: &str) -> f64 {
-    if field.is_empty() { f64::NAN } else { field.parse().expect("a number") }
+    if field.is_empty() || field == "none" { f64::NAN } else { field.parse().expect("a number") }
 }
 
 #[test]
@@ -307,5 +308,49 @@ fn first_echo() {
             row(line).check("p_after", probability_of(log_odds_of(cell.probability) + gain));
         }
         from = to;
+    }
+}
+
+#[test]
+fn oriented_response() {
+    let Some(table) = Table::load("oriented_response.csv") else { return };
+    let response = Response::new(25.0_f64.to_radians(), DIRECTIONS);
+    for row in table.rows() {
+        // That table was integrated step by step.
+        let ours = response.share(row.get("direction") as usize, row.get("ray_rad"));
+        assert!((ours - row.get("response_share")).abs() < 1e-9, "row {}: {ours}", row.line);
+    }
+}
+
+/// Cones of few cells, whose gains were found by going through all worlds.
+#[test]
+fn oriented_update() {
+    let Some(table) = Table::load("oriented_update.csv") else { return };
+    let rows: Vec<Row<'_>> = table.rows().collect();
+    for cone in rows.chunk_by(|a, b| a.get("case") == b.get("case")) {
+        let column = |cell: &[Row<'_>], name| cell.iter().map(|row| row.get(name)).collect::<Vec<_>>();
+        let cells: Vec<_> = cone
+            .chunk_by(|a, b| a.get("cell") == b.get("cell"))
+            .map(|cell| (cell, column(cell, "v_before"), column(cell, "response")))
+            .collect();
+        let faced: Vec<FacedCell<'_>> = cells
+            .iter()
+            .map(|(cell, log_weights, responses)| FacedCell {
+                distance_m: cell[0].get("distance_m"),
+                log_weights,
+                responses,
+            })
+            .collect();
+        let first = &cone[0];
+        let reading = Oriented {
+            range_m: Some(first.get("range_m")).filter(|range_m| range_m.is_finite()),
+            sigma_z_m: first.get("sigma_z_m"),
+            clutter: first.get("clutter_per_m"),
+            range_cap_m: 1.0,
+            lost: first.get("echo_lost"),
+        };
+        for ((cell, ..), gains) in cells.iter().zip(reading.gains(&faced)) {
+            cell.iter().zip(gains).for_each(|(row, gain)| row.check("gain", gain));
+        }
     }
 }

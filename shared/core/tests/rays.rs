@@ -81,7 +81,7 @@ fn known(grid: &Grid) -> Vec<(CellIndex, f32)> {
 
 #[test]
 fn a_thin_beam_leaves_no_cell_that_it_crosses_unknown() {
-    for fusion in [Fusion::Paper, Fusion::FirstEcho] {
+    for fusion in [Fusion::Paper, Fusion::FirstEcho, Fusion::Oriented] {
         for (beams, aperture_rad) in [(360, 0.001), (360, 0.003), (180, 0.006), (720, 0.002), (16, 0.0045)] {
             for pose in [Pose2::new(-6.0, 1.0, 0.3), Pose2::IDENTITY, Pose2::new(0.025, 0.075, -1.6)] {
                 let robot = lidar(beams, aperture_rad);
@@ -135,7 +135,7 @@ fn exact(x: f64) -> f64 {
 fn as_far_off_as_utm_the_map_is_the_same_to_the_last_bit() {
     const CELL_M: f64 = 0.0625;
     let (i, j) = (8_000_000, 86_400_000);
-    for fusion in [Fusion::Paper, Fusion::FirstEcho] {
+    for fusion in [Fusion::Paper, Fusion::FirstEcho, Fusion::Oriented] {
         for (beams, aperture_rad) in [(360, 0.003), (360, core::f64::consts::TAU / 360.0), (12, 0.5)] {
             let robot = lidar(beams, aperture_rad);
             let robot = Robot {

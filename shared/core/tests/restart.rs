@@ -208,7 +208,7 @@ fn everything(fusion: Fusion) -> MapperConfig {
 
 #[test]
 fn whatever_fuses() {
-    for fusion in [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho] {
+    for fusion in [Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
         check(&everything(fusion), Noise::Sampled, &every_event_of(23));
         check(&MapperConfig { fusion, ..MapperConfig::default() }, Noise::OneSigma, &every_event_of(41));
     }
@@ -325,7 +325,13 @@ fn damage() -> impl Strategy<Value = Damage> {
 }
 
 fn config() -> impl Strategy<Value = MapperConfig> {
-    let fusion = prop::sample::select(vec![Fusion::Auto, Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho]);
+    let fusion = prop::sample::select(vec![
+        Fusion::Auto,
+        Fusion::Paper,
+        Fusion::Covariance,
+        Fusion::FirstEcho,
+        Fusion::Oriented,
+    ]);
     let filters = prop::sample::subsequence(everything(Fusion::Auto).filters, 0..=5).prop_shuffle();
     let readings = (4..4000_u32, 1..4000_u32);
     let clears = any::<bool>().prop_map(|clears| if clears { NoEcho::Clear } else { NoEcho::Ignore });

@@ -7,12 +7,12 @@
 //! [`FirstEcho::gains`] says, times the weight, to within [`super::BOUND`] of log-odds and half a unit in the last place of the stored
 //! single-precision sum. Of two cells whose distances differ by less than 1e-6 of them either may come first.
 
+use super::along::Along;
 use super::fit::fit;
 use super::functions::{exp, ln_1p, polynomial, reciprocal, splat_all};
 use super::geometry::{Band, Geometry, Wide, make_room};
 use super::lanes::Lanes;
 use super::layout::{Beam, Layout, Piece};
-use super::order::Order;
 use super::paper::{Limits, WideLimits, cells_of};
 use super::wide::{Width, Work};
 use super::{AngleFactor, Apex, OffMap, Place, WIDEST_HALF_APERTURE_RAD, cells_around};
@@ -22,12 +22,12 @@ use crate::log_odds::probability_of;
 use crate::pose::Pose2;
 
 /// Cells nearer than this many σ_z before the echo did not give it, unless it is a very sure one.
-const BEFORE: f64 = 5.0;
+pub(super) const BEFORE: f64 = 5.0;
 /// What they may have given, compared with what is nobody's.
-const LEFT_OUT: f64 = 1e-5;
+pub(super) const LEFT_OUT: f64 = 1e-5;
 
 /// Of a range known better than this the likelihood would overflow, metres.
-const FINEST_SIGMA_Z_M: f64 = 1e-9;
+pub(super) const FINEST_SIGMA_Z_M: f64 = 1e-9;
 
 /// Coefficients of ln(1 + x)/x.
 const LOG: usize = 5;
@@ -93,7 +93,7 @@ impl EchoCone {
 }
 
 /// L of a cell at the range.
-fn peak(sigma_z_m: f64) -> f64 {
+pub(super) fn peak(sigma_z_m: f64) -> f64 {
     const FRAC_1_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
     FRAC_1_SQRT_TAU / sigma_z_m
 }
@@ -120,15 +120,7 @@ struct Scratch {
     places: Band,
     front: Cells,
     band: Cells,
-    order: Order,
-    /// Of each cell around the echo L, then S L; B; A.
-    own: Vec<f32>,
-    /// d² − z².
-    beyond: Vec<f32>,
-    before: Vec<f32>,
-    after: Vec<f32>,
-    /// Of each, B and what it adds to it.
-    until: Vec<[f64; 2]>,
+    along: Along,
 }
 
 /// Cells, in the order of the layout.
@@ -265,7 +257,8 @@ impl Work for Weighing<'_> {
             weigh_band::<L>(scratch, profile, range_m);
             let squares = (beam.near_m.max(0.0), beam.far_m);
             let limits = (squares.0 * squares.0 - range_m * range_m, squares.1 * squares.1 - range_m * range_m);
-            total = sum_along(scratch, unanswered, limits);
+            let probabilities = &scratch.band.probabilities[..scratch.band.count];
+            total = scratch.along.sum(probabilities, unanswered, limits);
             fill_band_gains::<L>(scratch, profile);
         }
         fill_front_gains::<L>(scratch, profile, total);
@@ -339,7 +332,7 @@ fn occupied<L: Lanes>(known: L, profile: &Profile) -> L {
 
 /// Π (1 − a), as sixteen products whatever the number of lanes, multiplied one by one in the end.
 #[inline(always)]
-fn product_of_rests<L: Lanes>(probabilities: &[f32], count: usize) -> f64 {
+pub(super) fn product_of_rests<L: Lanes>(probabilities: &[f32], count: usize) -> f64 {
     let mut products = [1.0f32; 16];
     for (first, lanes) in products.chunks_mut(L::COUNT).enumerate() {
         let mut product = L::splat(1.0);
@@ -355,12 +348,11 @@ fn product_of_rests<L: Lanes>(probabilities: &[f32], count: usize) -> f64 {
 /// r, a and L of the cells around the echo.
 #[inline(always)]
 fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, range_m: f64) {
-    let Scratch { places, band, own, beyond, .. } = scratch;
+    let Scratch { places, band, along, .. } = scratch;
     let count = band.count;
     make_room(&mut band.answers, count);
     make_room(&mut band.probabilities, count);
-    make_room(own, count);
-    make_room(beyond, count);
+    along.make_room(count);
     let wide = Wide::<L>::new(&profile.geometry);
     let sigma_z_m = profile.cone.reading.sigma_z_m;
     let peak = L::splat(peak(sigma_z_m) as f32);
@@ -369,53 +361,26 @@ fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, range_m: f64) 
         let places = places.places(at, &profile.geometry, range_m);
         let off = places.off(L::splat(range_m as f32), steepness);
         let angular = wide.angular(places.across, places.square);
-        places.beyond.store(&mut beyond[at..]);
+        places.beyond.store(&mut along.beyond[at..]);
         let r = L::splat(profile.cone.reading.detection as f32).mul(angular);
         r.store(&mut band.answers[at..]);
         r.mul(occupied(L::load(&band.log_odds[at..]), profile)).store(&mut band.probabilities[at..]);
         let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
-        peak.mul(exp(exponent)).store(&mut own[at..]);
+        peak.mul(exp(exponent)).store(&mut along.own[at..]);
     }
-}
-
-/// S and B along the cone, then A; what the echo comes from in all. `limits`: of d² − z².
-#[inline(always)]
-fn sum_along(scratch: &mut Scratch, unanswered: f64, limits: (f64, f64)) -> f64 {
-    let Scratch { band, order, own, beyond, before, after, until, .. } = scratch;
-    let count = band.count;
-    make_room(before, count);
-    make_room(after, count);
-    if until.len() < count {
-        until.resize(count, [0.0; 2]);
-    }
-    let (mut unanswered, mut total) = (unanswered, 0.0);
-    for index in order.of(&beyond[..count], limits.0 as f32, limits.1 as f32) {
-        let a = f64::from(band.probabilities[index]);
-        let likely = unanswered * f64::from(own[index]);
-        own[index] = likely as f32;
-        until[index] = [total, a * likely];
-        total += a * likely;
-        unanswered *= 1.0 - a;
-    }
-    for ((before, after), [until, own]) in before.iter_mut().zip(after.iter_mut()).zip(&until[..count]) {
-        let behind = (total - until) - own;
-        *before = *until as f32;
-        *after = if behind > 0.0 { behind as f32 } else { 0.0 };
-    }
-    total
 }
 
 /// What the cells around the echo gain.
 #[inline(always)]
 fn fill_band_gains<L: Lanes>(scratch: &mut Scratch, profile: &Profile) {
-    let Scratch { band, own, before, after, .. } = scratch;
+    let Scratch { band, along, .. } = scratch;
     let (nobodys, one) = (L::splat(profile.cone.nobodys() as f32), L::splat(1.0));
     let weight = L::splat(profile.cone.weight as f32);
     for at in (0..band.count).step_by(L::COUNT) {
         let (r, a) = (L::load(&band.answers[at..]), L::load(&band.probabilities[at..]));
-        let behind = L::load(&after[at..]).div(one.sub(a));
-        let others = L::load(&before[at..]).add(nobodys).add(behind);
-        let x = r.mul(L::load(&own[at..]).sub(behind)).div(others);
+        let behind = L::load(&along.after[at..]).div(one.sub(a));
+        let others = L::load(&along.before[at..]).add(nobodys).add(behind);
+        let x = r.mul(L::load(&along.own[at..]).sub(behind)).div(others);
         ln_1p(x).mul(weight).store(&mut band.log_odds[at..]);
     }
 }

@@ -17,7 +17,11 @@ pub(super) struct Fitter<const N: usize> {
 
 impl<const N: usize> Fitter<N> {
     pub(super) fn new() -> Self {
-        let nodes = nodes::<N>();
+        Self::over(&nodes::<N>())
+    }
+
+    /// To values at these nodes, no two of which are the same.
+    pub(super) fn over(nodes: &[f64; N]) -> Self {
         let mut basis = [[0.0; N]; N];
         for (own, row) in nodes.iter().zip(&mut basis) {
             // Π (x − other) / (own − other), multiplied out one factor at a time.

@@ -68,6 +68,13 @@ pub(super) fn ln_1p<L: Lanes>(x: L) -> L {
     artanh_twice(x.add(one.sub(power)).div(x.add(one.add(power))), octaves)
 }
 
+/// ln x of a normal number above 0.
+#[inline(always)]
+pub(super) fn ln<L: Lanes>(x: L) -> L {
+    let (octaves, power) = x.octaves_above(L::splat(1.0));
+    artanh_twice(x.sub(power).div(x.add(power)), octaves)
+}
+
 /// n ln 2 + ln((1 + s)/(1 − s)) for |s| up to 0.21.
 #[inline(always)]
 fn artanh_twice<L: Lanes>(s: L, octaves: L) -> L {

@@ -4,6 +4,7 @@
 //! once and alike everywhere (+, −, ×, ÷, √, and a × b + c fused into one). So the bits don't depend on the processor.
 
 use super::fused::fused;
+use crate::shares;
 
 /// Some numbers that are computed together, in single precision.
 pub(super) trait Lanes: Copy {
@@ -35,6 +36,12 @@ pub(super) trait Lanes: Copy {
     fn mul_add(self, factor: Self, sum: Self) -> Self;
     /// sum − self × factor, rounded once.
     fn neg_mul_add(self, factor: Self, sum: Self) -> Self;
+    /// The numbers of the first of at least so many codes ([`crate::shares`]).
+    fn load_codes(from: &[u16]) -> Self;
+    /// Writes the codes of the first `count`, which have such, to where there is room for all.
+    fn store_codes(self, count: usize, to: &mut [u16]);
+    /// Rounded to what has a code, by `draw`.
+    fn coded(self, draw: u32) -> Self;
     /// The greater of two numbers.
     fn at_least(self, floor: Self) -> Self;
     /// The smaller of two numbers.
@@ -169,6 +176,25 @@ impl Lanes for Portable {
     #[inline(always)]
     fn neg_mul_add(self, factor: Self, sum: Self) -> Self {
         Self(core::array::from_fn(|n| fused(-self.0[n], factor.0[n], sum.0[n])))
+    }
+
+    #[inline(always)]
+    fn load_codes(from: &[u16]) -> Self {
+        let from = &from[..8];
+        Self(core::array::from_fn(|n| shares::decoded(from[n])))
+    }
+
+    #[inline(always)]
+    fn store_codes(self, count: usize, to: &mut [u16]) {
+        for (x, code) in self.0.iter().zip(&mut to[..count]) {
+            *code = ((x.to_bits() - shares::LEAST_BITS) >> shares::CUT_BITS) as u16;
+        }
+    }
+
+    #[inline(always)]
+    fn coded(self, draw: u32) -> Self {
+        let coded = |x: f32| f32::from_bits((x.to_bits() + draw) & !shares::CUT);
+        Self(self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST)).0.map(coded))
     }
 
     #[inline(always)]

@@ -12,6 +12,7 @@
 //!
 //! **Bits.** Every processor gives the same, however many cells it computes at once.
 
+mod along;
 mod first_echo;
 mod fit;
 mod functions;
@@ -20,6 +21,8 @@ mod geometry;
 mod lanes;
 mod layout;
 mod order;
+mod oriented;
+mod oriented_answers;
 mod paper;
 mod spans;
 mod wide;
@@ -38,6 +41,7 @@ pub use first_echo::{EchoCone, FirstEchoKernel};
 use fit::{Fitter, nodes};
 use geometry::{ANGLE, Geometry};
 use layout::Beam;
+pub use oriented::{ORIENTED_BOUND, OrientedCone, OrientedKernel};
 use paper::{Adding, Limits, Profile, Scratch};
 use wide::Width;
 

@@ -7,6 +7,7 @@ use core::arch::x86_64::*;
 
 use super::lanes::{EXPONENT_BIT, EXPONENT_OF_ONE, HALF_OCTAVE, Lanes, RECIPROCAL_BITS};
 use super::x86_doubles::{Avx2Doubles, Avx512Doubles};
+use crate::shares;
 
 const EXPONENT: i32 = EXPONENT_BIT as i32;
 
@@ -132,6 +133,44 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn neg_mul_add(self, factor: Self, sum: Self) -> Self {
         Self(unsafe { _mm256_fnmadd_ps(self.0, factor.0, sum.0) })
+    }
+
+    #[inline(always)]
+    fn load_codes(from: &[u16]) -> Self {
+        let from = &from[..8];
+        // SAFETY: the eight that are read are there.
+        Self(unsafe {
+            let codes = _mm256_cvtepu16_epi32(_mm_loadu_si128(from.as_ptr().cast()));
+            let bits = _mm256_add_epi32(
+                _mm256_slli_epi32::<{ shares::CUT_BITS as i32 }>(codes),
+                _mm256_set1_epi32(shares::LEAST_BITS as i32),
+            );
+            _mm256_castsi256_ps(bits)
+        })
+    }
+
+    #[inline(always)]
+    fn store_codes(self, count: usize, to: &mut [u16]) {
+        let to = &mut to[..8];
+        // SAFETY: there is room for the eight that are written; those beyond `count` are written as they were.
+        unsafe {
+            let bits = _mm256_sub_epi32(_mm256_castps_si256(self.0), _mm256_set1_epi32(shares::LEAST_BITS as i32));
+            let codes = _mm256_srli_epi32::<{ shares::CUT_BITS as i32 }>(bits);
+            let codes = _mm_packus_epi32(_mm256_castsi256_si128(codes), _mm256_extracti128_si256::<1>(codes));
+            let mask = Self::mask(count);
+            let mask = _mm_packs_epi32(_mm256_castsi256_si128(mask), _mm256_extracti128_si256::<1>(mask));
+            let were = _mm_loadu_si128(to.as_ptr().cast());
+            _mm_storeu_si128(to.as_mut_ptr().cast(), _mm_blendv_epi8(were, codes, mask));
+        }
+    }
+
+    #[inline(always)]
+    fn coded(self, draw: u32) -> Self {
+        let x = self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST));
+        Self(unsafe {
+            let bits = _mm256_add_epi32(_mm256_castps_si256(x.0), _mm256_set1_epi32(draw as i32));
+            _mm256_castsi256_ps(_mm256_and_si256(bits, _mm256_set1_epi32(!shares::CUT as i32)))
+        })
     }
 
     #[inline(always)]
@@ -287,6 +326,40 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn neg_mul_add(self, factor: Self, sum: Self) -> Self {
         Self(unsafe { _mm512_fnmadd_ps(self.0, factor.0, sum.0) })
+    }
+
+    #[inline(always)]
+    fn load_codes(from: &[u16]) -> Self {
+        let from = &from[..16];
+        // SAFETY: the sixteen that are read are there.
+        Self(unsafe {
+            let codes = _mm512_cvtepu16_epi32(_mm256_loadu_si256(from.as_ptr().cast()));
+            let bits = _mm512_add_epi32(
+                _mm512_slli_epi32::<{ shares::CUT_BITS }>(codes),
+                _mm512_set1_epi32(shares::LEAST_BITS as i32),
+            );
+            _mm512_castsi512_ps(bits)
+        })
+    }
+
+    #[inline(always)]
+    fn store_codes(self, count: usize, to: &mut [u16]) {
+        let to = &mut to[..16];
+        // SAFETY: there is room for the sixteen; those beyond `count` are masked out.
+        unsafe {
+            let bits = _mm512_sub_epi32(_mm512_castps_si512(self.0), _mm512_set1_epi32(shares::LEAST_BITS as i32));
+            let codes = _mm512_cvtepi32_epi16(_mm512_srli_epi32::<{ shares::CUT_BITS }>(bits));
+            _mm256_mask_storeu_epi16(to.as_mut_ptr().cast(), first_lanes(count), codes);
+        }
+    }
+
+    #[inline(always)]
+    fn coded(self, draw: u32) -> Self {
+        let x = self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST));
+        Self(unsafe {
+            let bits = _mm512_add_epi32(_mm512_castps_si512(x.0), _mm512_set1_epi32(draw as i32));
+            _mm512_castsi512_ps(_mm512_and_si512(bits, _mm512_set1_epi32(!shares::CUT as i32)))
+        })
     }
 
     #[inline(always)]

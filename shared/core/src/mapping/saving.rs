@@ -24,7 +24,7 @@ use crate::robot::Robot;
 use crate::sonar_maps::{SonarMaps, SonarState};
 
 /// Changes when the layout of any part does.
-const LAYOUT: u32 = 1;
+const LAYOUT: u32 = 2;
 
 const STATE: &str = "mapper";
 const NOVELTY: &str = "novelty";

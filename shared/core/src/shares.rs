@@ -1,0 +1,147 @@
+//! What the cells of a tile would be if they are occupied: the evidence by state of [`crate::oriented`], 18 bytes a cell.
+//!
+//! Of each state it is kept what e^v is, relative to what it was before any reading: a number of 5 bits of exponent and 11 of
+//! mantissa, from 2^-15 up to 2^17. Steps of a reading that are less than the last bit are not lost but for chance: what is cut off is
+//! rounded up as often as it is great, by a draw of the reading ([`draw`]).
+
+use crate::grid::{TILE_CELLS, TILE_SIDE};
+use crate::oriented::STATES;
+use crate::parts::SavedError;
+
+/// Bits of single precision that a code has none of.
+pub(crate) const CUT_BITS: u32 = 12;
+/// What is cut off.
+pub(crate) const CUT: u32 = (1 << CUT_BITS) - 1;
+/// Of the number whose code is 0, 2^-15, in single precision.
+pub(crate) const LEAST_BITS: u32 = (127 - 15) << 23;
+/// The least number that has a code.
+pub(crate) const LEAST: f32 = f32::from_bits(LEAST_BITS);
+/// The greatest.
+pub(crate) const MOST: f32 = f32::from_bits(LEAST_BITS + ((u16::MAX as u32) << CUT_BITS));
+/// The code of 1: what a cell begins with.
+const ONE: u16 = ((1.0_f32.to_bits() - LEAST_BITS) >> CUT_BITS) as u16;
+
+/// So much more than there is may be read, and written as it was.
+const SLACK: usize = 16;
+const CODES: usize = TILE_CELLS * STATES;
+const BYTES: usize = CODES * size_of::<u16>();
+
+/// The states of the cells of a tile: row by row, in a row state by state.
+#[derive(Clone)]
+pub struct Shares {
+    codes: Box<[u16; CODES + SLACK]>,
+}
+
+impl core::fmt::Debug for Shares {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("Shares").finish_non_exhaustive()
+    }
+}
+
+impl Default for Shares {
+    fn default() -> Self {
+        Self { codes: Box::new([ONE; CODES + SLACK]) }
+    }
+}
+
+impl Shares {
+    /// Codes of cells that no reading touched.
+    pub(crate) fn ones() -> [u16; SLACK] {
+        [ONE; SLACK]
+    }
+
+    /// Where a state of a cell of the tile lies.
+    #[inline(always)]
+    pub(crate) fn place(offset: usize, state: usize) -> usize {
+        offset / TILE_SIDE * (TILE_SIDE * STATES) + state * TILE_SIDE + offset % TILE_SIDE
+    }
+
+    /// Codes of a state of the cells from `offset` on, as far as they lie in one row.
+    #[inline(always)]
+    pub(crate) fn codes(&self, offset: usize, state: usize) -> &[u16] {
+        &self.codes[Self::place(offset, state)..]
+    }
+
+    #[inline(always)]
+    pub(crate) fn codes_mut(&mut self, offset: usize, state: usize) -> &mut [u16] {
+        &mut self.codes[Self::place(offset, state)..]
+    }
+
+    /// How much more or less probable each state of a cell is than before any reading, relative to free.
+    #[must_use]
+    pub fn of(&self, offset: usize) -> [f32; STATES] {
+        core::array::from_fn(|state| decoded(self.codes[Self::place(offset, state)]))
+    }
+
+    pub(crate) fn set(&mut self, offset: usize, values: &[f32; STATES], draw: u32) {
+        for (state, value) in values.iter().enumerate() {
+            self.codes[Self::place(offset, state)] = coded(*value, draw);
+        }
+    }
+
+    /// `bytes` with this after them.
+    pub(crate) fn append_to(&self, bytes: &mut Vec<u8>) {
+        bytes.extend(self.codes[..CODES].iter().flat_map(|code| code.to_le_bytes()));
+    }
+
+    /// What `bytes`, of this part, begin with, and what comes after it.
+    pub(crate) fn take_from<'a>(part: &str, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), SavedError> {
+        let (taken, rest) =
+            bytes.split_at_checked(BYTES).ok_or_else(|| SavedError::new(part, "shorter than the states of a tile"))?;
+        let mut shares = Self::default();
+        for (code, bytes) in shares.codes.iter_mut().zip(taken.as_chunks().0) {
+            *code = u16::from_le_bytes(*bytes);
+        }
+        Ok((shares, rest))
+    }
+}
+
+/// The number of a code.
+#[inline(always)]
+pub(crate) fn decoded(code: u16) -> f32 {
+    f32::from_bits((u32::from(code) << CUT_BITS) + LEAST_BITS)
+}
+
+/// The code of a number, rounded by `draw`.
+pub(crate) fn coded(value: f32, draw: u32) -> u16 {
+    let value = if value > LEAST { value.min(MOST) } else { LEAST };
+    let bits = value.to_bits() - LEAST_BITS;
+    ((bits + (draw & CUT)) >> CUT_BITS) as u16
+}
+
+/// By what a reading rounds: of many readings evenly spread, whichever of them speak of a cell.
+#[must_use]
+pub(crate) fn draw(sequence: u64, transducer: u16) -> u32 {
+    // Multiples of the golden ratio, of their fractions the first bits
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    let number = sequence.wrapping_mul(64).wrapping_add(u64::from(transducer));
+    (number.wrapping_mul(GOLDEN) >> (64 - CUT_BITS)) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_is_a_number_and_back() {
+        for code in 0..=u16::MAX {
+            let value = decoded(code);
+            assert!((LEAST..=MOST).contains(&value));
+            assert_eq!(coded(value, 0), code);
+            assert_eq!(coded(value, CUT), code, "what has a code is not rounded");
+        }
+        assert_eq!((coded(0.0, 5), coded(f32::INFINITY, CUT)), (0, u16::MAX));
+        assert_eq!(Shares::default().of(77), [1.0; STATES]);
+    }
+
+    #[test]
+    fn steps_less_than_the_last_bit_are_kept_in_the_mean() {
+        let step = 1.000_02_f32;
+        let mut value = 1.0;
+        for sequence in 0..10_000 {
+            value = decoded(coded(value * step, draw(16 * sequence, 3)));
+        }
+        let expected = 10_000.0 * libm::logf(step);
+        assert!((libm::logf(value) / expected - 1.0).abs() < 0.05, "{} of {expected}", libm::logf(value));
+    }
+}
