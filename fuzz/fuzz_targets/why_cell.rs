@@ -22,6 +22,7 @@ fn reading(numbers: &mut Numbers<'_>, sequence: u64) -> Option<KeptReading> {
         deviations: Deviations { sigma_z_m: numbers.next()?, sigma_theta_rad: numbers.next()?, trust: numbers.next()? },
         news: numbers.next()?,
         verdict: Verdict::from_code(code % 16)?,
+        cleared_m: numbers.next().filter(|radius_m| (0.0..=2.0).contains(radius_m)).unwrap_or(0.0),
     })
 }
 

@@ -39,6 +39,9 @@ struct Answer<'a> {
     exact: bool,
     /// Older readings that there was no room for.
     given_up: u64,
+    /// How often the robot drove over it, and the log-odds that this added.
+    driven_over: usize,
+    driven_added: f64,
     /// Readings that moved the cell.
     readings_used: usize,
     /// Readings that would have, and were refused.
@@ -131,6 +134,8 @@ pub(super) fn run(request: &Request) -> Result<()> {
         replayed_log_odds: answered.log_odds,
         exact: answered.log_odds.map(f32::to_bits) == log_odds.map(f32::to_bits),
         given_up: kept.given_up,
+        driven_over: answered.driven_over,
+        driven_added: answered.driven_added,
         readings_used: sum(|of| of.readings),
         readings_refused: sum(|of| of.refused),
         readings: strongest(answered.said, request.limit).iter().map(|said| line(said, &kept, first_ns)).collect(),
@@ -224,6 +229,13 @@ impl fmt::Display for Answer<'_> {
                 (_, 0) => writeln!(f, "{sensor}: {added:+.2} in {readings} readings")?,
                 _ => writeln!(f, "{sensor}: {added:+.2} in {readings} readings, {refused} refused")?,
             }
+        }
+        if self.driven_over > 0 {
+            writeln!(
+                f,
+                "the robot itself: {:+.2}, it drove over the cell ({} times)",
+                self.driven_added, self.driven_over
+            )?;
         }
         if self.given_up > 0 {
             writeln!(f, "note: {} older readings are not among them (mapper.keep_readings_max)", self.given_up)?;

@@ -368,6 +368,12 @@ static MAPPER: Section = Section {
             "a number from 0 to 10",
             "of first_echo and oriented: gains are multiplied by (σ of the range without odometry error / with it) to this power",
         ),
+        words(
+            "footprint_m",
+            &["auto"],
+            "a number of metres from 0 to 2, or \"auto\"",
+            "metres around the robot within which nothing is, as it stands there; auto: what its footprint covers; 0: it clears nothing",
+        ),
         key(
             "remap",
             "true or false",

@@ -7,6 +7,7 @@ use core::fmt::Display;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::driven::MOST_M;
 use crate::pose::Pose2;
 use crate::robot::SensorKind;
 
@@ -352,7 +353,7 @@ pub enum Limit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitWord {
-    /// For a sonar the paper's 0.15 m and 4 m, for a lidar its own range limits, up to 100 m.
+    /// For a sonar the paper's 0.15 m and 4 m, for a lidar its own range limits, up to 100 m; of a footprint what the robot's says.
     Auto,
 }
 
@@ -408,6 +409,8 @@ pub struct MapperConfig {
     pub oriented_doubt_floor: f64,
     /// τ of first_echo and oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
     pub tempering: f64,
+    /// Radius around the robot within which nothing is, as it stands there, metres; 0: it clears nothing.
+    pub footprint_m: Limit,
     /// Whether a fix has the readings since the last one fused again, where the robot was in hindsight.
     pub remap: bool,
     /// The most readings that are kept for that.
@@ -461,6 +464,7 @@ impl Default for MapperConfig {
             oriented_clear_m: 2.5,
             oriented_doubt_floor: 0.15,
             tempering: 0.5,
+            footprint_m: Limit::Word(LimitWord::Auto),
             remap: false,
             remap_readings_max: 50_000,
             filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Bubble],
@@ -516,6 +520,10 @@ impl MapperConfig {
             self.p_free,
             "a probability between 0 and 0.5, both excluded",
         )?;
+        if let Limit::Metres(radius_m) = self.footprint_m {
+            let metres = "metres, from 0 (off) to 2, or \"auto\"";
+            ConfigError::unless(within(radius_m, 0.0, MOST_M), "footprint_m", radius_m, metres)?;
+        }
         if let Limit::Metres(min) = self.min_range_m {
             ConfigError::unless(min.is_finite() && min >= 0.0, "min_range_m", min, "metres, 0 or more, or \"auto\"")?;
         }

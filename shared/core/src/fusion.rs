@@ -45,6 +45,8 @@ pub(crate) struct Weighed {
     pub(crate) news: f64,
     /// √(σ_z² − σ_z0²): the part of the deviation that the odometry is to blame for, metres.
     pub(crate) doubt_m: f64,
+    /// Around the robot, where it was then, so much was cleared, metres.
+    pub(crate) cleared_m: f64,
 }
 
 /// Fuses readings into a grid by the rule of the configuration.
@@ -99,7 +101,7 @@ impl Fuser {
         self.apply(grid, dirty, sounding, deviations, news)?;
         let sigma_z0_m = self.sigma_z0_m(sounding);
         let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
-        Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt() })
+        Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt(), cleared_m: 0.0 })
     }
 
     /// What a reading of these deviations, so much of which is new, says of every cell of its cone.

@@ -26,6 +26,8 @@ pub struct KeptReading {
     pub news: f64,
     /// Whether it is in the map, or why it is not.
     pub verdict: Verdict,
+    /// Around the robot, where it was then, so much was cleared after this reading, metres; 0: nothing.
+    pub cleared_m: f64,
 }
 
 /// The last so many readings, in the order in which they were fused.

@@ -10,6 +10,7 @@ pub mod calibration;
 pub mod chunks;
 pub mod config;
 mod doubt;
+mod driven;
 mod filter;
 pub mod first_echo;
 mod fusion;

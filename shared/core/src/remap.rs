@@ -107,6 +107,7 @@ impl Journal {
         estimate: &Estimate,
         fused: Result<f64, Verdict>,
         place: u64,
+        cleared_at: Option<[f64; 2]>,
     ) {
         let Some(layer) = self.layers.back_mut() else { return };
         if matches!(fused, Ok(_) | Err(Verdict::Untrusted)) {
@@ -114,7 +115,7 @@ impl Journal {
                 layer.estimates.push(*estimate);
             }
             let at = layer.estimates.len() - 1;
-            layer.readings.push(Kept { sequence, reading: *reading, fused, at, place });
+            layer.readings.push(Kept { sequence, reading: *reading, fused, at, place, cleared_at });
         }
     }
 
@@ -201,8 +202,10 @@ impl GridMapper {
         if let Some(doubt) = &mut self.doubt {
             doubt.take_back(before.doubt, &self.grid);
         }
+        let first = readings.iter().flat_map(|(_, readings)| readings).next();
+        self.driven.last = first.map_or(self.driven.last, |kept| kept.cleared_at);
         for (estimates, readings) in readings {
-            for Kept { sequence, reading, fused, at, place } in readings {
+            for Kept { sequence, reading, fused, at, place, .. } in readings {
                 let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok());
                 let kept = self.kept.is_some().then(|| self.as_kept(sequence, &reading, estimates.get(at)?, now));
                 if let Some((all, kept)) = self.kept.as_mut().zip(kept.flatten()) {
@@ -387,16 +390,17 @@ mod tests {
                     let place = mapper.grid().centre(crate::grid::CellIndex { i, j });
                     let why = crate::why::why(&config, &robot(), kept.iter(), place).unwrap();
                     assert_eq!(why.log_odds.map(f32::to_bits), Some(*bits), "{fusion:?} at {place:?}");
-                    // Each begins where the last one ended.
+                    // Each begins where the last one ended, but for what the robot cleared.
+                    let is_driven_over = why.driven_over > 0;
                     let mut log_odds = None;
                     for said in &why.said {
-                        assert_eq!(said.before, log_odds);
+                        assert!(is_driven_over || said.before == log_odds);
                         let is_moved = said.after.map(f32::to_bits) != said.before.map(f32::to_bits);
                         assert_eq!(said.kept.verdict == Verdict::Accepted, is_moved);
                         log_odds = said.after;
                         moved += 1;
                     }
-                    assert_eq!(log_odds, why.log_odds);
+                    assert!(is_driven_over || log_odds == why.log_odds);
                 }
                 assert!(moved > 20, "{moved}");
             };
@@ -405,7 +409,10 @@ mod tests {
             assert_eq!(mapper.rectify(1000, &way[80], &after).readings, 162);
             check(&mapper);
             let nowhere = crate::why::why(&config, &robot(), mapper.kept_readings().unwrap().iter(), [-50.0, 9.0]);
-            assert_eq!(nowhere.unwrap(), crate::why::Why { log_odds: None, said: Vec::new() });
+            assert_eq!(
+                nowhere.unwrap(),
+                crate::why::Why { log_odds: None, driven_over: 0, driven_added: 0.0, said: Vec::new() }
+            );
         }
     }
 

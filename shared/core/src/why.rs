@@ -4,6 +4,7 @@
 //! what comes out is the cell's log-odds, exactly, if every reading since the map was empty was kept.
 
 use crate::config::{ConfigError, MapperConfig, Noise};
+use crate::driven::Driven;
 use crate::filter::{channels, range_of};
 use crate::fusion::{Fuser, Sounding};
 use crate::grid::{CellIndex, DirtyTiles, Grid};
@@ -33,6 +34,10 @@ pub struct Said {
 pub struct Why {
     /// Log-odds that the kept readings come to; none: unknown.
     pub log_odds: Option<f32>,
+    /// How often the robot drove over the cell, knowing where it was.
+    pub driven_over: usize,
+    /// Log-odds that this added.
+    pub driven_added: f64,
     /// Readings that moved the cell, and those that were refused and spoke of it, in the order in which they were fused.
     pub said: Vec<Said>,
 }
@@ -52,9 +57,12 @@ pub fn why<'a>(
     let channels = channels(config, robot)?;
     // No noise is drawn: the deviations are told.
     let mut fuser = Fuser::new(config, Noise::OneSigma, 0);
+    let driven = Driven::new(config, robot);
+    let (mut driven_over, mut driven_added) = (0, 0.0);
     let mut grid = Grid::new(config.resolution_m);
     let cell = grid.cell_at(x, y);
     let mut said = Vec::new();
+    let of = |log_odds: Option<f32>| log_odds.map_or(config.log_odds_prior, f64::from);
     for kept in readings {
         let Some(channel) = channels.get(usize::from(kept.reading.transducer)).copied().flatten() else { continue };
         let estimate = Estimate::certain(kept.pose);
@@ -76,11 +84,16 @@ pub fn why<'a>(
         };
         if is_told {
             let after = grid.log_odds(cell);
-            let of = |log_odds: Option<f32>| log_odds.map_or(config.log_odds_prior, f64::from);
             said.push(Said { kept: *kept, sonar: channel.sonar, before, after, added: of(after) - of(before) });
         }
+        let before = grid.log_odds(cell);
+        driven.clear(&mut grid, &mut dirty, [kept.pose.x, kept.pose.y], kept.cleared_m, kept.sequence);
+        if grid.log_odds(cell) != before {
+            driven_over += 1;
+            driven_added += of(grid.log_odds(cell)) - of(before);
+        }
     }
-    Ok(Why { log_odds: grid.log_odds(cell), said })
+    Ok(Why { log_odds: grid.log_odds(cell), driven_over, driven_added, said })
 }
 
 /// Whether a refused reading would have moved the cell, on a map that knows nothing.

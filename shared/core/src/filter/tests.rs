@@ -274,7 +274,7 @@ proptest! {
         rings in prop::collection::vec((prop::array::uniform16(0.1..4.5f64), -1.0..1.0f64, -3.0..3.0f64), 1..6),
     ) {
         let additive = MapperConfig { fusion: crate::config::Fusion::Paper, ..config(&ALL[..2]) };
-        let config = MapperConfig { sonar_maps: true, log_odds_max: 100.0, ..additive };
+        let config = MapperConfig { sonar_maps: true, log_odds_max: 100.0, footprint_m: Limit::Metres(0.0), ..additive };
         let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, robot()).unwrap();
         for (sequence, (ranges, x, theta)) in (1..).zip(&rings) {
             let estimate = Some(Estimate::certain(Pose2::new(*x, 0.0, *theta)));

@@ -40,6 +40,8 @@ struct State {
     journal: Option<JournalState>,
     sonars: Option<Vec<SonarState>>,
     kept: Option<KeptState>,
+    /// Where the robot cleared its footprint last.
+    cleared_at: Option<[f64; 2]>,
 }
 
 /// A mapper that can't be restored.
@@ -72,6 +74,7 @@ impl GridMapper {
             doubt: doubt.map(|doubt| doubt.save(parts)),
             sonars: self.sonar_maps.as_mut().map(|maps| maps.save(parts)),
             kept: self.kept.as_mut().map(|kept| kept.save(parts)),
+            cleared_at: self.driven.last,
         };
         parts.put_value(NOVELTY, &self.fuser.novelty);
         parts.put_value(STATE, &state);
@@ -89,7 +92,7 @@ impl GridMapper {
         saved: &Saved,
     ) -> Result<Self, RestoreError> {
         let mut mapper = Self::new(config, noise, seed, robot)?;
-        let State { settings, filters, tiles, dirty, doubt, journal, sonars, kept } = saved.value(STATE)?;
+        let State { settings, filters, tiles, dirty, doubt, journal, sonars, kept, cleared_at } = saved.value(STATE)?;
         let asked =
             (mapper.doubt.is_some(), mapper.journal.is_some(), mapper.sonar_maps.is_some(), mapper.kept.is_some());
         if settings != mapper.settings
@@ -101,6 +104,7 @@ impl GridMapper {
         mapper.chain.remember(filters);
         mapper.fuser.novelty = saved.value(NOVELTY)?;
         mapper.dirty = dirty;
+        mapper.driven.last = cleared_at;
         mapper.grid = Grid::restore(config.resolution_m, saved, MAP, tiles)?;
         mapper.doubt =
             doubt.map(|tiles| Doubt::restore(config.log_odds_prior, saved, tiles, &mapper.grid)).transpose()?;

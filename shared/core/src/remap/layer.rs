@@ -21,6 +21,8 @@ pub(super) struct Kept {
     pub(super) at: usize,
     /// Its place among the kept readings, if these are kept.
     pub(super) place: u64,
+    /// Where the robot had cleared its footprint last, before this one.
+    pub(super) cleared_at: Option<[f64; 2]>,
 }
 
 /// Map and doubt as they had been.

@@ -1,13 +1,13 @@
 //! `readings.echogrid`: the readings that made a map what it is, as they were fused; `echogrid why` asks them.
 //!
-//! All numbers are little-endian. The file is the magic bytes `89 45 47 52 0d 0a 1a 0a`, the format version (u32, 1) and sections
+//! All numbers are little-endian. The file is the magic bytes `89 45 47 52 0d 0a 1a 0a`, the format version (u32, 2) and sections
 //! like those of the [native map](super::native), in this order:
 //!
 //! | tag | content |
 //! |---|---|
 //! | `CONF` | the tables `mapper` and `robot` as TOML |
 //! | `SCAN` | per scan: its number, its stamp in ns (u64 each) |
-//! | `READ` | older readings that there was no room for, readings (u64 each); zlib stream of, per reading in the order of fusion: number of the scan (u64), transducer (u16), code of the verdict (u8), 1 if there was an echo (u8), ns after the scan's stamp (i32), range in metres (0 without an echo), x, y in metres, heading in radians, σ_z in metres, σ_θ in radians, trust, share that was new (f64 each) |
+//! | `READ` | older readings that there was no room for, readings (u64 each); zlib stream of, per reading in the order of fusion: number of the scan (u64), transducer (u16), code of the verdict (u8), 1 if there was an echo (u8), ns after the scan's stamp (i32), range in metres (0 without an echo), x, y in metres, heading in radians, σ_z in metres, σ_θ in radians, trust, share that was new, radius in metres that the robot's footprint cleared after it (f64 each) |
 //! | `END ` | nothing |
 //!
 //! The same readings give the same bytes.
@@ -33,7 +33,7 @@ pub const READINGS_FILE: &str = "readings.echogrid";
 /// The first bytes.
 pub const MAGIC: [u8; 8] = *b"\x89EGR\r\n\x1a\n";
 /// The format version.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Most readings that a file may hold.
 pub const READINGS_MAX: u64 = 1 << 26;
 
@@ -42,8 +42,10 @@ const CONFIG: [u8; 4] = *b"CONF";
 const SCANS: [u8; 4] = *b"SCAN";
 const READINGS: [u8; 4] = *b"READ";
 const END: [u8; 4] = *b"END ";
+/// The largest radius that a robot clears, metres.
+const CLEARED_MAX_M: f64 = 2.0;
 /// Bytes of a reading before compression.
-const READING_BYTES: usize = 80;
+const READING_BYTES: usize = 88;
 /// Fixed: another level would give other bytes.
 const LEVEL: Compression = Compression::new(6);
 
@@ -102,7 +104,7 @@ pub fn encode(document: &ReadingsDocument) -> Result<Vec<u8>, NativeError> {
 }
 
 fn bytes_of(kept: &KeptReading) -> Vec<u8> {
-    let KeptReading { sequence, reading, pose, deviations, news, verdict } = kept;
+    let KeptReading { sequence, reading, pose, deviations, news, verdict, cleared_m } = kept;
     let range_m = if let Echo::Hit { range_m } = reading.echo { range_m } else { 0.0 };
     let mut bytes = Vec::with_capacity(READING_BYTES);
     bytes.extend(sequence.to_le_bytes());
@@ -110,7 +112,7 @@ fn bytes_of(kept: &KeptReading) -> Vec<u8> {
     bytes.extend([verdict.code(), u8::from(range_m > 0.0)]);
     bytes.extend(reading.offset_ns.to_le_bytes());
     let Deviations { sigma_z_m, sigma_theta_rad, trust } = *deviations;
-    let numbers = [range_m, pose.x, pose.y, pose.theta, sigma_z_m, sigma_theta_rad, trust, *news];
+    let numbers = [range_m, pose.x, pose.y, pose.theta, sigma_z_m, sigma_theta_rad, trust, *news, *cleared_m];
     bytes.extend(numbers.into_iter().flat_map(f64::to_le_bytes));
     bytes
 }
@@ -128,7 +130,7 @@ pub fn decode(bytes: &[u8]) -> Result<ReadingsDocument, NativeError> {
     }
     let version = u32::from_le_bytes(cursor.array("version")?);
     if version != VERSION {
-        return Err(NativeError::value(HEAD, "format version", version, "1 (made by a newer version: use that)"));
+        return Err(NativeError::value(HEAD, "format version", version, "2 (kept by another version: keep them anew)"));
     }
     let wrong = |error: &dyn ToString| {
         NativeError::value(CONFIG, "configuration", error.to_string(), "mapper and robot as TOML")
@@ -191,10 +193,14 @@ fn reading(bytes: &[u8; READING_BYTES]) -> Result<KeptReading, NativeError> {
     let pose = Pose2 { x: number()?, y: number()?, theta: number()? };
     let deviations = Deviations { sigma_z_m: number()?, sigma_theta_rad: number()?, trust: number()? };
     let news = number()?;
+    let cleared_m = number()?;
     let verdict = Verdict::from_code(code);
     let verdict = verdict.ok_or_else(|| NativeError::value(READINGS, "verdict", code, "the code of a verdict"))?;
     if !pose.is_finite() {
         return Err(NativeError::value(READINGS, "pose", format!("{pose:?}"), "finite numbers"));
+    }
+    if !(0.0..=CLEARED_MAX_M).contains(&cleared_m) {
+        return Err(NativeError::value(READINGS, "radius that was cleared", cleared_m, "metres from 0 to 2"));
     }
     if !(0.0..=1.0).contains(&news) {
         return Err(NativeError::value(READINGS, "share that was new", news, "a number from 0 to 1"));
@@ -203,7 +209,15 @@ fn reading(bytes: &[u8; READING_BYTES]) -> Result<KeptReading, NativeError> {
         return Err(NativeError::value(READINGS, "range", range_m, "metres above 0 where there was an echo"));
     }
     let echo = if has_echo == 1 { Echo::Hit { range_m } } else { Echo::NoEcho };
-    Ok(KeptReading { sequence, reading: Reading { transducer, echo, offset_ns }, pose, deviations, news, verdict })
+    Ok(KeptReading {
+        sequence,
+        reading: Reading { transducer, echo, offset_ns },
+        pose,
+        deviations,
+        news,
+        verdict,
+        cleared_m,
+    })
 }
 
 /// Writes the file, whole or not at all.
@@ -236,6 +250,7 @@ mod tests {
             deviations: Deviations { sigma_z_m: 0.1 + 0.2, sigma_theta_rad: 0.3, trust: 1.0 / 3.0 },
             news: 0.9,
             verdict,
+            cleared_m: 0.25,
         };
         ReadingsDocument {
             mapper: MapperConfig { p_free: 0.1 + 0.2, ..MapperConfig::default() },
