@@ -79,6 +79,9 @@ pub enum Command {
         /// The sensor: `replay`, `simulator`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
+        /// Prints who reads what of whom, and in which order the services end, instead.
+        #[arg(long = "graph")]
+        map: bool,
         /// What is set for the run.
         #[command(flatten)]
         settings: Settings,

@@ -54,8 +54,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Up { graph, sensor, settings, view }) => {
             graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
         }
-        Some(Command::Check { graph, sensor, settings }) => {
-            check::run(&LoadRequest { graph, sensor, ..settings.request() })
+        Some(Command::Check { graph, sensor, map, settings }) => {
+            check::run(&LoadRequest { graph, sensor, ..settings.request() }, map)
         }
         Some(Command::Doctor { graph, sensor, clean, json, settings }) => {
             doctor::run(LoadRequest { graph, sensor, ..settings.request() }, clean, json)

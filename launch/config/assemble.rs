@@ -9,8 +9,9 @@ use toml::{Table, Value};
 use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
-use super::service::{Exec, Service, ServiceKind, default_services};
+use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind, default_services};
 use super::suggest;
+use super::wiring::Written;
 
 /// Where each key was set.
 pub(crate) type Origins = BTreeMap<String, Origin>;
@@ -60,6 +61,7 @@ struct Draft {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    wiring: Written,
     care: Table,
     origin: Option<Origin>,
 }
@@ -83,6 +85,10 @@ pub(crate) fn services(
             [key] if key == "kind" => draft.kind = text().and_then(|word| ServiceKind::from_word(&word)),
             [key] if key == "exec" => draft.exec = text(),
             [key] if key == "args" => draft.args = texts(&setting.value),
+            [key] if key == "reads" => draft.wiring.reads = Some(texts(&setting.value)),
+            [key] if key == "looks_on" => draft.wiring.looks_on = Some(texts(&setting.value)),
+            [key] if key == "writes" => draft.wiring.writes = Some(texts(&setting.value)),
+            [key] if key == "source" => draft.wiring.source = setting.value.as_bool(),
             [key, variable] if key == "env" => {
                 draft.env.insert(variable.clone(), text().unwrap_or_default());
             }
@@ -112,12 +118,20 @@ pub(crate) fn services(
 }
 
 fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Problem> {
-    let Some(kind) = draft.kind.or_else(|| ServiceKind::from_word(name)) else {
-        let message = "missing; expected one of sensor, odometry, localizer, mapper, publisher".to_owned();
+    // An executable need not have a role.
+    let is_foreign = draft.exec.as_ref().is_some_and(|exec| !exec.starts_with(BUILTIN_PREFIX));
+    let named = draft.kind.or_else(|| ServiceKind::from_word(name)).or(is_foreign.then_some(ServiceKind::Other));
+    let Some(kind) = named else {
+        let message = "missing; expected one of sensor, odometry, localizer, mapper, publisher, other".to_owned();
         return Err(Problem { origin: draft.origin, key: format!("services.{name}.kind"), value: None, message });
     };
     let exec = match draft.exec {
-        None => Exec::Builtin(kind.default_builtin()),
+        None => Exec::Builtin(kind.default_builtin().ok_or_else(|| Problem {
+            origin: draft.origin.clone(),
+            key: format!("services.{name}.exec"),
+            value: None,
+            message: "missing; expected the executable of a service of no role".to_owned(),
+        })?),
         Some(text) => Exec::try_from(text.clone()).map_err(|why| {
             let key = format!("services.{name}.exec");
             let hint = suggest::builtin(&text).map_or_else(String::new, |hint| format!("; {hint}"));
@@ -129,13 +143,19 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
             }
         })?,
     };
+    if let (Exec::Builtin(_), Some(key)) = (&exec, draft.wiring.key()) {
+        let key = format!("services.{name}.{key}");
+        let message = format!("{exec} says itself what it reads and writes; this is for executables");
+        return Err(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
+    }
+    let wiring = draft.wiring.resolve(kind, &exec);
     let care = Value::Table(draft.care).try_into().map_err(|error: toml::de::Error| Problem {
         origin: draft.origin,
         key: format!("services.{name}"),
         value: None,
         message: error.message().replace('\n', " "),
     })?;
-    Ok(Service { kind, exec, args: draft.args, env: draft.env, care })
+    Ok(Service { kind, exec, args: draft.args, env: draft.env, wiring, care })
 }
 
 fn texts(value: &Value) -> Vec<String> {

@@ -29,6 +29,7 @@ mod supervision;
 #[cfg(test)]
 mod tests;
 mod value;
+mod wiring;
 
 use std::collections::BTreeMap;
 
@@ -51,6 +52,7 @@ pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
 pub use service::{Builtin, Care, Exec, Service, ServiceKind, default_services};
 pub use supervision::{Restart, Strategy, SupervisionConfig};
+pub use wiring::Wiring;
 
 /// The effective configuration: validated, every default filled in, every path absolute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

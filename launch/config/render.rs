@@ -5,8 +5,8 @@ use std::fmt::Write;
 use echogrid_core::{Robot, SensorKind};
 use toml::{Table, Value};
 
-use super::Loaded;
 use super::schema::{GRAPH, SERVICE, Section};
+use super::{Exec, Loaded, Wiring};
 
 /// Values up to this wide have their comments in one column.
 const VALUE_WIDTH: usize = 32;
@@ -36,10 +36,15 @@ fn services(out: &mut String, loaded: &Loaded) {
     // Upstream to downstream, as the data flows.
     let mut names: Vec<_> = loaded.config().services.iter().collect();
     names.sort_by_key(|(name, service)| (service.kind, name.as_str()));
-    for (name, _) in names {
+    for (name, service) in names {
         let section = format!("{}.{name}", SERVICE.name);
         let _ = write!(out, "\n[{section}]\n");
-        keys(out, loaded, &SERVICE, &section, services.and_then(|all| all.get(name)).and_then(Value::as_table));
+        let mut table = services.and_then(|all| all.get(name)).and_then(Value::as_table).cloned().unwrap_or_default();
+        if matches!(service.exec, Exec::Builtin(_)) {
+            // It says itself what it reads and writes: no key for a graph file.
+            table.retain(|key, _| !Wiring::KEYS.contains(&key));
+        }
+        keys(out, loaded, &SERVICE, &section, Some(&table));
     }
 }
 

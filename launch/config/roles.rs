@@ -1,11 +1,14 @@
 //! Whether the services make a graph.
 
 use echogrid_core::localization::Ask;
+use echogrid_topics::Topic;
+use echogrid_topics::contract::MAX_ACKS;
 
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
 use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind};
+use super::wiring::Wiring;
 
 /// Variables by which a service finds its graph.
 const LAUNCHERS_OWN: [&str; 4] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE", "ECHOGRID_GONE"];
@@ -14,7 +17,10 @@ const LAUNCHERS_OWN: [&str; 4] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGR
 pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     let counts = ServiceKind::ALL.into_iter().filter_map(|kind| count(config, kind));
     let unasked = nobody_to_ask(config, origins);
-    let each = config.services.iter().flat_map(|(name, service)| service_problems(name, service, origins));
+    let each = config.services.iter().flat_map(|(name, service)| {
+        let of_service = service_problems(config, name, service, origins);
+        of_service.into_iter().chain(wiring_problems(config, name, service, origins))
+    });
     counts.chain(unasked).chain(each).collect()
 }
 
@@ -45,7 +51,7 @@ fn count(config: &Config, kind: ServiceKind) -> Option<Problem> {
     Some(Problem { origin: None, key: "services".to_owned(), value: None, message })
 }
 
-fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Problem> {
+fn service_problems(config: &Config, name: &str, service: &Service, origins: &Origins) -> Vec<Problem> {
     let mut found = Vec::new();
     let mut add = |key: &str, value: String, message: String| {
         let key = format!("services.{name}.{key}");
@@ -54,11 +60,11 @@ fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Pro
     match &service.exec {
         Exec::Builtin(builtin) if builtin.kind() != service.kind => {
             let wanted = service.kind.default_builtin();
+            let wanted = wanted.map_or(String::new(), |wanted| format!("{BUILTIN_PREFIX}{} or ", wanted.name()));
             let message = format!(
-                "this is of kind {}, the service is of kind {}; expected {BUILTIN_PREFIX}{} or a path",
+                "this is of kind {}, the service is of kind {}; expected {wanted}a path",
                 builtin.kind(),
                 service.kind,
-                wanted.name()
             );
             add("exec", format!("\"{}\"", service.exec), message);
         }
@@ -67,8 +73,10 @@ fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Pro
         }
         _ => {}
     }
-    if !service.care.required && service.kind != ServiceKind::Publisher {
-        add("required", "false".into(), format!("a graph can't go on without its {}", service.kind));
+    let needs = |other: &Service| service.wiring.writes.iter().any(|topic| other.wiring.reads.contains(topic));
+    if !service.care.required && (service.wiring.source || config.services.values().any(needs)) {
+        let who = if service.kind == ServiceKind::Other { name } else { service.kind.word() };
+        add("required", "false".into(), format!("a graph can't go on without its {who}"));
     }
     if service.args.iter().any(|argument| argument.contains('\0')) {
         add("args", format!("{:?}", service.args), "an argument has no NUL".to_owned());
@@ -83,6 +91,50 @@ fn service_problems(name: &str, service: &Service, origins: &Origins) -> Vec<Pro
         }
         if value.contains('\0') {
             add(&format!("env.{variable}"), format!("{value:?}"), "a variable has no NUL".to_owned());
+        }
+    }
+    found
+}
+
+/// Topics that there are not, or that it can't be waited for on.
+fn wiring_problems(config: &Config, name: &str, service: &Service, origins: &Origins) -> Vec<Problem> {
+    let mut found = Vec::new();
+    if matches!(service.exec, Exec::Builtin(_)) {
+        return found;
+    }
+    let Wiring { reads, looks_on, writes, .. } = &service.wiring;
+    let mut add = |key: &str, value: &str, message: String| {
+        let key = format!("services.{name}.{key}");
+        found.push(Problem { origin: origins.get(&key).cloned(), key, value: Some(format!("{value:?}")), message });
+    };
+    for (key, topics) in [("reads", reads), ("looks_on", looks_on), ("writes", writes)] {
+        for (index, topic) in topics.iter().enumerate() {
+            if topics[..index].contains(topic) {
+                add(key, topic, "this is said twice".to_owned());
+            } else if !Topic::ALL.iter().any(|known| known.name() == topic) {
+                let known = Topic::ALL.map(Topic::name).join(", ");
+                add(key, topic, format!("there is no such topic; expected one of {known}"));
+            }
+        }
+    }
+    if let Some(topic) = reads.iter().find(|topic| looks_on.contains(topic)) {
+        add("looks_on", topic, "it is among what the service reads; expected one of the two".to_owned());
+    }
+    if reads.len() > MAX_ACKS {
+        add("reads", &reads.join(", "), format!("these are {} topics; expected at most {MAX_ACKS}", reads.len()));
+    }
+    let is_said = |key: &str| origins.get(&format!("services.{name}.{key}")).is_some();
+    for topic in reads.iter().filter(|_| is_said("reads")) {
+        if !config.services.values().any(|other| other.wiring.writes.contains(topic)) {
+            add("reads", topic, "nobody in the graph writes it, so that it would be waited for in vain".to_owned());
+        }
+    }
+    let others = config.services.iter().filter(|(other, _)| other.as_str() != name);
+    for topic in writes.iter().filter(|_| is_said("writes")) {
+        let is_stream = Topic::ALL.iter().any(|known| known.name() == topic && known.delivery().is_stream());
+        let mut writers = others.clone().filter(|(_, other)| other.wiring.writes.contains(topic));
+        if let Some((other, _)) = writers.next().filter(|_| is_stream) {
+            add("writes", topic, format!("{other} writes it, too; a stream has one writer"));
         }
     }
     found

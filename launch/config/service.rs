@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::run::NotA;
 use super::supervision::Restart;
+use super::wiring::{Wiring, Written};
 
 /// One process of the graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,6 +23,9 @@ pub struct Service {
     /// Added to the environment.
     #[serde(default)]
     pub env: BTreeMap<String, String>,
+    /// What it reads and writes.
+    #[serde(flatten)]
+    pub wiring: Wiring,
     /// What happens when it dies, and what it may use.
     #[serde(flatten)]
     pub care: Care,
@@ -63,10 +67,12 @@ pub enum ServiceKind {
     Mapper,
     /// Gives the grid to people and programs.
     Publisher,
+    /// None of these: it does what the graph file says, or only looks on.
+    Other,
 }
 
 impl ServiceKind {
-    /// All of them, upstream to downstream.
+    /// All that a graph is made of, upstream to downstream.
     pub const ALL: [Self; 5] = [Self::Sensor, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// As it is written; also the name of the default service of this kind.
@@ -78,24 +84,26 @@ impl ServiceKind {
             Self::Localizer => "localizer",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
+            Self::Other => "other",
         }
     }
 
     /// The service that plays this role unless another is named.
     #[must_use]
-    pub fn default_builtin(self) -> Builtin {
-        match self {
+    pub fn default_builtin(self) -> Option<Builtin> {
+        Some(match self {
             Self::Sensor => Builtin::Replay,
             Self::Odometry => Builtin::Odometry,
             Self::Localizer => Builtin::Localizer,
             Self::Mapper => Builtin::Mapper,
             Self::Publisher => Builtin::Publisher,
-        }
+            Self::Other => return None,
+        })
     }
 
     /// The kind that is written so.
     pub(crate) fn from_word(word: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.word() == word)
+        Self::ALL.into_iter().chain([Self::Other]).find(|kind| kind.word() == word)
     }
 }
 
@@ -212,13 +220,12 @@ impl fmt::Display for Exec {
 /// The graph of `echogrid map`: one service of each kind, named after it; a localizer only where one is wanted.
 #[must_use]
 pub fn default_services(with_localizer: bool) -> BTreeMap<String, Service> {
-    let service = |kind: ServiceKind| Service {
-        kind,
-        exec: Exec::Builtin(kind.default_builtin()),
-        args: Vec::new(),
-        env: BTreeMap::new(),
-        care: Care::default(),
+    let service = |kind: ServiceKind| {
+        let exec = Exec::Builtin(kind.default_builtin()?);
+        let wiring = Written::default().resolve(kind, &exec);
+        let (args, env) = (Vec::new(), BTreeMap::new());
+        Some((kind.word().to_owned(), Service { kind, exec, args, env, wiring, care: Care::default() }))
     };
     let wanted = ServiceKind::ALL.into_iter().filter(|kind| with_localizer || *kind != ServiceKind::Localizer);
-    wanted.map(|kind| (kind.word().to_owned(), service(kind))).collect()
+    wanted.filter_map(service).collect()
 }

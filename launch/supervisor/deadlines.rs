@@ -10,7 +10,6 @@ use echogrid_topics::{Health, Topic};
 use super::Supervisor;
 use super::run::{Event, Observer};
 use super::unit::{Stage, Unit};
-use crate::config::ServiceKind;
 
 /// For how long nobody may do anything while a service waits for what the sensor owes it: its end, or what robot it is.
 const OWED_WITHIN: Duration = Duration::from_secs(5);
@@ -51,7 +50,7 @@ impl Supervisor<'_> {
     pub(super) fn hanging(&mut self) -> Option<(usize, String)> {
         let now = self.now;
         let first_within = Duration::from_secs_f64(self.graph.supervision.first_output_within_s);
-        if self.units.iter().any(|unit| unit.kind == ServiceKind::Sensor && unit.progress() > 0) {
+        if self.units.iter().any(|unit| unit.is_source() && unit.progress() > 0) {
             self.first_output.get_or_insert(now);
         }
         let all_ready = self.units.iter().filter(|unit| unit.is_here()).all(Unit::is_ready);
@@ -72,21 +71,35 @@ impl Supervisor<'_> {
             };
             let waited = |since: Instant| process.waited.map_or(since, |waited| waited.max(since));
             let Some(ready_at) = process.ready_at else {
-                return too_long(waited(process.started), self.graph.ready_within, "not ready");
+                return too_long(waited(process.started), self.graph.ready_within, "not ready").map(|why| (why, false));
             };
             if let Some(why) = too_long(process.silent_since(), self.graph.alive_within, "no sign of life") {
-                return Some(why);
+                return Some((why, false));
             }
             // Whoever waits for somebody that is being started is not silent by itself.
-            let since = match unit.kind {
-                ServiceKind::Sensor => self.ready,
-                ServiceKind::Odometry | ServiceKind::Mapper => self.first_output,
-                ServiceKind::Localizer | ServiceKind::Publisher => None,
-            }
-            .filter(|_| all_ready && unit.is_running() && unit.progress() == 0)?;
-            too_long(waited(since.max(ready_at)), first_within, "not a single message")
+            let since = if unit.is_source() { self.ready } else { self.first_output.filter(|_| self.is_fed(unit)) }
+                .filter(|_| all_ready && unit.is_running() && unit.progress() == 0)?;
+            too_long(waited(since.max(ready_at)), first_within, "not a single message").map(|why| (why, true))
         };
-        self.units.iter().enumerate().find_map(|(index, unit)| hangs(unit).map(|why| (index, why)))
+        let found = self.units.iter().enumerate().find_map(|(index, unit)| hangs(unit).map(|how| (index, how)));
+        let (index, (why, may_wait)) = found?;
+        // Who waits for another is not the one to blame.
+        let (blamed, waits) = if may_wait { self.blamed(index) } else { (index, String::new()) };
+        Some((blamed, why + &waits))
+    }
+
+    /// Who keeps a service waiting, over however many others, and for whom it does on which topic; the service itself if it
+    /// waits for nobody.
+    fn blamed(&self, index: usize) -> (usize, String) {
+        let (mut chain, mut waits) = (vec![index], String::new());
+        while let Some(last) = chain.last()
+            && let Some(next) = self.waited_for(*last).into_iter().find(|next| !chain.contains(next))
+        {
+            let topic = self.units[*last].alive().and_then(|process| process.health.as_ref()?.waits_for);
+            waits = format!(" ({} waits for it on {})", self.units[*last].name, topic.map_or("", Topic::name));
+            chain.push(next);
+        }
+        (chain.pop().unwrap_or(index), waits)
     }
 
     /// Whether a service waits for one that works, is stopped, or is on its way.
@@ -119,24 +132,49 @@ impl Supervisor<'_> {
         let Some(topic) = unit.alive().and_then(|process| process.health.as_ref()?.waits_for) else {
             return Vec::new();
         };
-        let readers = self.graph.plan.consumers_of(topic);
-        let writes = writer(topic) == Some(unit.kind);
-        let others = self.units.iter().enumerate().filter(|(_, other)| {
-            if writes { readers.contains(&other.name) } else { writer(topic) == Some(other.kind) }
-        });
+        let none = Vec::new();
+        let writers = self.writers.get(topic.name()).unwrap_or(&none);
+        let others = if writers.contains(&unit.name) { self.graph.plan.consumers_of(topic) } else { writers };
+        let others = self.units.iter().enumerate().filter(|(_, other)| others.contains(&other.name));
         others.map(|(index, _)| index).collect()
+    }
+
+    /// Whether the first message of a source is soon followed by one for this service: it reads a stream of a source's.
+    fn is_fed(&self, unit: &Unit) -> bool {
+        let is_of_source = |topic: &Topic| {
+            let writers = self.writers.get(topic.name()).into_iter().flatten();
+            writers.filter_map(|name| self.units.iter().find(|unit| unit.name == *name)).any(Unit::is_source)
+        };
+        // Of the truth a sensor may know nothing.
+        let streams = [Topic::OdometryRaw, Topic::RangeScan];
+        streams
+            .iter()
+            .any(|topic| unit.service.wiring.reads.iter().any(|name| name == topic.name()) && is_of_source(topic))
+    }
+
+    /// A service that takes messages, and does not say that it reads what it is waited for on: who waits for it is not to blame.
+    fn does_not_read(&self) -> Option<Debt> {
+        self.units.iter().find_map(|unit| {
+            let health = self.heard(unit).filter(|_| unit.is_running())?;
+            let is_read = |topic: &Topic| health.acks.iter().any(|ack| ack.topic == *topic);
+            let waited = |topic: &Topic| self.graph.plan.consumers_of(*topic).contains(&unit.name);
+            let streams = Topic::ALL.into_iter().filter(|topic| topic.delivery().is_stream());
+            let topic = streams.into_iter().find(|topic| waited(topic) && !is_read(topic))?;
+            let writer = self.writers.get(topic.name()).and_then(|writers| writers.first()).cloned()?;
+            Some(Debt { topic, name: unit.name.clone(), what: Owed::Acknowledgement { writer } })
+        })
     }
 
     /// What the sensor owes those who wait for it while nothing happens: the end of its streams when it has ended, and what
     /// robot it is when it has said anything else.
     pub(super) fn check_for_what_is_owed(&mut self) {
-        let waiting = self.owed().filter(|_| self.ending.is_none());
+        let waiting = self.does_not_read().or_else(|| self.owed()).filter(|_| self.ending.is_none());
         match (waiting, &self.waiting_since) {
             (None, _) => self.waiting_since = None,
             (Some(debt), Some((before, since))) if debt == *before => {
                 if self.now.saturating_duration_since(*since) > OWED_WITHIN {
                     self.outcome.failures.push(debt.failure());
-                    self.end_after_failure(ServiceKind::Sensor);
+                    self.end_after_failure(0);
                 }
             }
             (Some(debt), _) => self.waiting_since = Some((debt, self.now)),
@@ -145,19 +183,21 @@ impl Supervisor<'_> {
 
     fn owed(&self) -> Option<Debt> {
         let heard = |unit| self.heard(unit);
-        let sensor = self.units.iter().find(|unit| unit.kind == ServiceKind::Sensor)?;
+        let sensor = self.units.iter().find(|unit| unit.is_source())?;
         if sensor.is_here() && heard(sensor).is_none() {
             return None;
         }
         self.units.iter().find_map(|unit| {
             let health: &Health = heard(unit).filter(|_| unit.is_running())?;
-            let topic = health.waits_for.filter(|topic| writer(*topic) == Some(ServiceKind::Sensor))?;
+            let is_sensors =
+                |topic: &Topic| self.writers.get(topic.name()).is_some_and(|writers| writers.contains(&sensor.name));
+            let topic = health.waits_for.filter(is_sensors)?;
             let is_owed = match topic {
                 Topic::RobotDescription => sensor.has_ended() || sensor.progress() > 0,
                 _ => sensor.has_ended(),
             };
             let (name, progress, faults) = (unit.name.clone(), health.progress, health.faults);
-            is_owed.then_some(Debt { topic, name, progress, faults })
+            is_owed.then_some(Debt { topic, name, what: Owed::Stream { progress, faults } })
         })
     }
 
@@ -197,44 +237,41 @@ impl Supervisor<'_> {
     }
 }
 
-/// What a service waits for in vain.
+/// What is waited for in vain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Debt {
     topic: Topic,
-    /// Who waits.
+    /// Who waits; of an acknowledgement: who owes it.
     name: String,
-    /// Messages that it has taken.
-    progress: u64,
-    /// Messages that it refused.
-    faults: u64,
+    what: Owed,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+enum Owed {
+    /// What the sensor has to say, to one that has taken and refused so many messages.
+    Stream { progress: u64, faults: u64 },
+    /// Word of how far the topic has been read, to its writer.
+    Acknowledgement { writer: String },
 }
 
 impl Debt {
     fn failure(&self) -> String {
-        let Self { topic, name, faults, .. } = self;
-        let seconds = OWED_WITHIN.as_secs();
-        match topic {
-            Topic::RobotDescription => format!(
+        let Self { topic, name, what } = self;
+        let (topic, seconds) = (*topic, OWED_WITHIN.as_secs());
+        match what {
+            Owed::Acknowledgement { writer } => format!(
+                "{name}: it takes messages, but does not acknowledge {}, on which {writer} waits for it; if it does not read \
+                 that, say in the graph file what it does: [services.{name}] reads = [...]",
+                topic.name()
+            ),
+            Owed::Stream { faults, .. } if topic == Topic::RobotDescription => format!(
                 "the sensor has sent messages but no {} for {seconds} s, which {name} waits for (refused as faulty: {faults})",
                 topic.name()
             ),
-            _ => format!(
+            Owed::Stream { .. } => format!(
                 "sensor: left without saying that its streams end ({name} waits for the end of {})",
                 topic.name()
             ),
         }
     }
-}
-
-/// Who writes a topic.
-fn writer(topic: Topic) -> Option<ServiceKind> {
-    Some(match topic {
-        Topic::RobotDescription | Topic::OdometryRaw | Topic::RangeScan | Topic::TruePose | Topic::TrueWorld => {
-            ServiceKind::Sensor
-        }
-        Topic::OdometryEstimate | Topic::LocalizationRequest => ServiceKind::Odometry,
-        Topic::LocalizationFix => ServiceKind::Localizer,
-        Topic::MapTiles | Topic::MapInfo | Topic::RangeVerdict => ServiceKind::Mapper,
-        Topic::Health => return None,
-    })
 }

@@ -7,6 +7,7 @@
 mod child;
 mod clock;
 mod deadlines;
+mod flow;
 mod janitor;
 mod policy;
 mod ports;
@@ -15,6 +16,7 @@ mod signs;
 mod systemd;
 mod unit;
 
+use std::collections::BTreeMap;
 use std::os::fd::BorrowedFd;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -25,17 +27,18 @@ use clock::Clock;
 use deadlines::Debt;
 use echogrid_service::signals::Signals;
 use echogrid_topics::{Health, Received, ServiceState};
+pub use flow::{Place, consumers, onlookers, places, writers};
 use janitor::{Cleaned, Janitor};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
 use policy::Decision;
 use ports::Ports;
-pub use run::{Event, Graph, Observer, Outcome, Progress, consumers};
+pub use run::{Event, Graph, Observer, Outcome, Progress};
 use systemd::Systemd;
 use unit::{Stage, Unit};
 
-use crate::config::{ServiceKind, Strategy};
+use crate::config::Strategy;
 
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
@@ -45,6 +48,8 @@ const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
 const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Progress is shown this often, and deadlines looked at.
 const TICK: Duration = Duration::from_millis(100);
+/// The rank from which services make something of what is measured, which may take long: after sensor and odometry.
+const SLOW_FROM: usize = 2;
 /// A graph that needs to be made anew more often has something else wrong with it.
 const REBUILDS_MAX: u32 = 3;
 
@@ -60,10 +65,14 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
     let (sender, lines) = channel();
     let now = Instant::now();
     // Upstream to downstream: the order in which they will be asked to stop.
-    let mut services: Vec<_> = graph.services.iter().collect();
-    services.sort_by_key(|(_, service)| service.kind);
+    let places = places(graph.services);
+    let place = |name: &String| places.get(name).copied().unwrap_or(Place { rank: 0, is_told: false });
+    let mut units: Vec<Unit> =
+        graph.services.iter().map(|(name, service)| Unit::new(name, service, place(name), now)).collect();
+    units.sort_by_key(|unit| (unit.place.rank, unit.service.kind));
     let mut supervisor = Supervisor {
-        units: services.into_iter().map(|(name, service)| Unit::new(name, service, now)).collect(),
+        units,
+        writers: writers(graph.services),
         janitor: None,
         needs_janitor: false,
         graph,
@@ -103,6 +112,8 @@ struct Ending {
 struct Supervisor<'a> {
     // First: on an error the processes are killed before their domain is swept.
     units: Vec<Unit>,
+    /// Who writes each topic.
+    writers: BTreeMap<String, Vec<String>>,
     janitor: Option<Janitor>,
     /// Somebody died since the janitor began.
     needs_janitor: bool,
@@ -119,12 +130,12 @@ struct Supervisor<'a> {
     /// When the sensor was first known to have sent something.
     first_output: Option<Instant>,
     ending: Option<Ending>,
-    /// The service farthest upstream that failed.
-    failed: Option<ServiceKind>,
+    /// The rank of the service farthest upstream that failed.
+    failed: Option<usize>,
     /// Who waits in vain for something of the sensor, since when.
     waiting_since: Option<(Debt, Instant)>,
-    /// Those downstream of it are asked to end, one kind after the other, as nobody upstream will tell them.
-    winding_down: Option<ServiceKind>,
+    /// Those downstream of this rank are asked to end, one rank after the other, as nobody upstream will tell them.
+    winding_down: Option<usize>,
     /// How far all were when that was looked at last.
     mark: Vec<(u32, u64)>,
     rebuilds: u32,
@@ -153,6 +164,7 @@ impl<'a> Supervisor<'a> {
             self.look_at_the_janitor(observer)?;
             self.hurry();
             self.wind_down();
+            self.release_those_not_told();
             self.systemd.watchdog();
             self.show(observer);
         }
@@ -225,7 +237,7 @@ impl<'a> Supervisor<'a> {
         // After a failure a spooled run is to be resumed: nobody is to think that its stream has ended.
         let resumable = self.failed.is_some() && self.graph.plan.synced;
         let mut nobody_tells = false;
-        for unit in self.units.iter_mut().filter(|unit| unit.kind == ServiceKind::Sensor) {
+        for unit in self.units.iter_mut().filter(|unit| unit.is_source()) {
             let is_here = unit.is_here();
             match unit.alive_mut() {
                 Some(process) if resumable => {
@@ -248,15 +260,15 @@ impl<'a> Supervisor<'a> {
                 .filter(|unit| matches!(unit.stage, Stage::Waiting(_)))
                 .for_each(|unit| unit.stage = Stage::Lost);
         } else if nobody_tells {
-            self.winding_down.get_or_insert(ServiceKind::Sensor);
+            self.winding_down.get_or_insert(0);
         }
         let (asked, deadline) = (self.now, self.now + within);
         self.ending.get_or_insert(Ending { asked, within, deadline, pressed: 0 });
     }
 
-    /// A service of this kind is no more, and nobody downstream will hear the end of its streams.
-    fn end_after_failure(&mut self, kind: ServiceKind) {
-        self.failed = Some(self.failed.map_or(kind, |failed| failed.min(kind)));
+    /// A service of this rank is no more, and nobody downstream will hear the end of its streams.
+    fn end_after_failure(&mut self, rank: usize) {
+        self.failed = Some(self.failed.map_or(rank, |failed| failed.min(rank)));
         self.winding_down = self.failed;
         self.end(LEAVE_AFTER_FAILURE);
     }
@@ -266,26 +278,41 @@ impl<'a> Supervisor<'a> {
         let Some(ending) = self.ending.as_ref().filter(|_| self.failed.is_none() && self.winding_down.is_none()) else {
             return;
         };
-        let sensor_runs = self.units.iter().any(|unit| unit.kind == ServiceKind::Sensor && unit.is_running());
+        let sensor_runs = self.units.iter().any(|unit| unit.is_source() && unit.is_running());
         if sensor_runs || self.now.saturating_duration_since(ending.asked) < LEAVE_WITHIN {
             return;
         }
-        for kind in [ServiceKind::Mapper, ServiceKind::Publisher] {
-            let mut here = self.units.iter_mut().filter(|unit| unit.kind == kind && unit.is_here()).peekable();
-            if here.peek().is_some() {
-                here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Process::ask_once);
-                return;
-            }
+        // Who only gives on what comes to it is through with it soon; those that make something of it may be slow.
+        let is_slow = |unit: &&mut Unit| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
+        let Some(next) = self.units.iter_mut().filter(is_slow).map(|unit| unit.place.rank).min() else { return };
+        let here = self.units.iter_mut().filter(|unit| unit.is_here() && unit.place.rank == next);
+        here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Process::ask_once);
+    }
+
+    /// Those that no stream tells of its end are asked to end when all the others have: one after the other, as what one of
+    /// them writes another may read.
+    fn release_those_not_told(&mut self) {
+        let is_over = !self.units.iter().any(|unit| unit.place.is_told && unit.is_here());
+        if !is_over || !self.units.iter().any(Unit::is_here) {
+            return;
         }
+        let (asked, within) = (self.now, LEAVE_WITHIN);
+        self.ending.get_or_insert(Ending { asked, within, deadline: asked + within, pressed: 0 });
+        for unit in self.units.iter_mut().filter(|unit| matches!(unit.stage, Stage::Waiting(_))) {
+            unit.stage = Stage::Lost;
+        }
+        let next = self.units.iter().filter(|unit| unit.is_here()).map(|unit| unit.place.rank).min();
+        let next = self.units.iter_mut().filter(|unit| Some(unit.place.rank) == next);
+        next.filter_map(Unit::alive_mut).for_each(Process::ask_once);
     }
 
     /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
     /// is asked has heard the last of whoever was before it.
     fn wind_down(&mut self) {
         let Some(from) = self.winding_down else { return };
-        let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.kind > from);
-        if let Some(next) = downstream.map(|unit| unit.kind).min() {
-            let next = self.units.iter_mut().filter(|unit| unit.kind == next);
+        let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.place.rank > from);
+        if let Some(next) = downstream.map(|unit| unit.place.rank).min() {
+            let next = self.units.iter_mut().filter(|unit| unit.place.rank == next);
             // Before it is ready a request would end it at once.
             let ready = next.filter(|unit| unit.is_ready() || self.failed.is_some());
             ready.filter_map(Unit::alive_mut).for_each(Process::ask_once);
@@ -348,8 +375,15 @@ impl<'a> Supervisor<'a> {
         let graph = self.graph;
         let unit = &mut self.units[index];
         observer.event(&Event::Ended { name: &unit.name, how: why.to_owned() });
-        if unit.process.as_ref().is_some_and(|process| process.succeeded(unit.kind == ServiceKind::Sensor)) {
+        if unit.process.as_ref().is_some_and(|process| process.succeeded(unit.is_source())) {
             unit.stage = Stage::Done;
+            return self.tell_who_is_gone();
+        }
+        if !unit.place.is_told
+            && unit.process.as_ref().is_some_and(|process| process.asked > 0 && process.was_terminated())
+        {
+            // Nobody waits for it, and it went when it was asked.
+            (unit.stage, self.needs_janitor) = (Stage::Done, true);
             return self.tell_who_is_gone();
         }
         self.needs_janitor = true;
@@ -357,19 +391,20 @@ impl<'a> Supervisor<'a> {
         let restart = unit.service.care.restart;
         if self.ending.is_some()
             && self.failed.is_none()
-            && unit.kind == ServiceKind::Sensor
+            && unit.is_source()
             && unit.process.as_ref().is_some_and(Process::was_terminated)
         {
             // Whoever stopped the graph told everybody (`systemctl kill`): what it had given is what there is.
             unit.stage = Stage::Lost;
-            self.winding_down.get_or_insert(ServiceKind::Sensor);
+            self.winding_down.get_or_insert(0);
             return self.tell_who_is_gone();
         }
         // Until all is saved, those who are to save it are needed.
         let is_over = self.ending.as_ref().is_some_and(|ending| {
-            self.failed.is_some() || ending.pressed > 0 || unit.kind == ServiceKind::Sensor || self.outcome.abandoned
+            let is_needed = unit.place.is_told && !unit.is_source();
+            self.failed.is_some() || ending.pressed > 0 || !is_needed || self.outcome.abandoned
         });
-        let decision = policy::decide(graph.supervision, restart, is_over, &mut unit.recent, self.now);
+        let decision = policy::decide(graph.supervision, restart, is_over, &mut unit.recent, unit.well, self.now);
         match decision {
             Decision::Restart(..) if unit.process.as_ref().is_some_and(Process::failed_in_vain) => {
                 self.given_up(index, why, String::new(), observer)?;
@@ -397,8 +432,8 @@ impl<'a> Supervisor<'a> {
                 if self.ending.as_ref().is_none_or(|ending| ending.pressed == 0) {
                     self.outcome.failures.push(format!("{}: {why}", unit.name));
                 }
-                let kind = unit.kind;
-                self.end_after_failure(kind);
+                let rank = unit.place.rank;
+                self.end_after_failure(rank);
             }
         }
         Ok(())
@@ -412,15 +447,15 @@ impl<'a> Supervisor<'a> {
             return self.go_on_without(index, why, observer);
         }
         self.outcome.failures.push(format!("{}: {why}{policy}", unit.name));
-        let kind = unit.kind;
-        self.end_after_failure(kind);
+        let rank = unit.place.rank;
+        self.end_after_failure(rank);
         Ok(())
     }
 
     /// The strategy `rest_for_one`: what is derived from a service begins where it does.
     fn restart_downstream(&mut self, index: usize, due: Instant) {
-        let kind = self.units[index].kind;
-        for unit in self.units.iter_mut().filter(|unit| unit.kind > kind) {
+        let rank = self.units[index].place.rank;
+        for unit in self.units.iter_mut().filter(|unit| unit.place.rank > rank && unit.place.is_told) {
             if let Some(process) = unit.alive_mut() {
                 process.kill();
                 unit.stage = Stage::Waiting(due);
@@ -466,7 +501,7 @@ impl<'a> Supervisor<'a> {
         self.rebuilds += 1;
         if self.rebuilds > REBUILDS_MAX || self.ending.is_some() {
             self.outcome.failures.push(format!("the graph's shared memory is broken: {why}"));
-            self.end_after_failure(ServiceKind::Sensor);
+            self.end_after_failure(0);
             return Ok(());
         }
         observer.event(&Event::Rebuilt { why });
@@ -519,12 +554,12 @@ impl<'a> Supervisor<'a> {
         while let Ok(line) = self.lines.try_recv() {
             observer.line(&line.name, &line.text);
         }
-        let sensor = self.units.iter().find(|unit| unit.kind == ServiceKind::Sensor);
+        let sensor = self.units.iter().find(|unit| unit.is_source());
         let ready = self.units.iter().filter(|unit| unit.is_ready()).count();
         let is_over = self.ending.is_some() || sensor.is_some_and(Unit::has_ended);
         let finishing = self.units.iter().rev().filter(|unit| is_over && unit.is_here());
         // Those upstream wait for those downstream.
-        let finishing = finishing.filter(|unit| unit.kind > ServiceKind::Odometry).map(|unit| unit.name.as_str());
+        let finishing = finishing.filter(|unit| unit.place.rank >= SLOW_FROM).map(|unit| unit.name.as_str());
         observer.progress(&Progress {
             finishing: finishing.collect(),
             sensor: sensor.and_then(|unit| unit.health.as_ref()),

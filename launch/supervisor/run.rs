@@ -7,7 +7,7 @@ use anyhow::{Result, bail};
 use echogrid_service::Plan;
 use echogrid_topics::{Domain, Health, MapInfo, TrueWorld};
 
-use crate::config::{Service, ServiceKind, SupervisionConfig};
+use crate::config::{Service, SupervisionConfig};
 
 /// What is to be run.
 #[derive(Debug)]
@@ -134,25 +134,6 @@ pub struct Outcome {
     pub restarts: BTreeMap<String, u32>,
     /// Services that were given up while the others went on, and why.
     pub given_up: Vec<String>,
-}
-
-/// Which services read which topic, by the roles in the graph.
-#[must_use]
-pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
-    let mut consumers: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for (name, service) in services {
-        let inputs = match service.kind {
-            ServiceKind::Sensor => &[][..],
-            ServiceKind::Odometry => echogrid_odometry::INPUTS,
-            ServiceKind::Localizer => echogrid_localizer::INPUTS,
-            ServiceKind::Mapper => echogrid_mapper::INPUTS,
-            ServiceKind::Publisher => echogrid_publisher::INPUTS,
-        };
-        for topic in inputs {
-            consumers.entry(topic.name().into()).or_default().push(name.clone());
-        }
-    }
-    consumers
 }
 
 impl Outcome {

@@ -6,7 +6,8 @@ use std::time::Instant;
 use echogrid_topics::{Health, ServiceState};
 
 use super::child::Process;
-use crate::config::{Service, ServiceKind};
+use super::flow::Place;
+use crate::config::Service;
 
 /// Starts in a row that found no graph to enter, after which the graph itself is taken for broken.
 const FAILED_STARTS: u32 = 3;
@@ -28,7 +29,7 @@ pub(super) enum Stage {
 #[derive(Debug)]
 pub(super) struct Unit {
     pub(super) name: String,
-    pub(super) kind: ServiceKind,
+    pub(super) place: Place,
     pub(super) service: Service,
     pub(super) stage: Stage,
     /// The last of its lives.
@@ -39,13 +40,16 @@ pub(super) struct Unit {
     /// The last thing heard of it, whichever life.
     pub(super) health: Option<Health>,
     failed_starts: u32,
+    /// When it was last known to be ready, whichever life; before it ever was: when the graph began.
+    pub(super) well: Instant,
 }
 
 impl Unit {
-    pub(super) fn new(name: &str, service: &Service, now: Instant) -> Self {
+    pub(super) fn new(name: &str, service: &Service, place: Place, now: Instant) -> Self {
         Self {
             name: name.into(),
-            kind: service.kind,
+            place,
+            well: now,
             service: service.clone(),
             stage: Stage::Waiting(now),
             process: None,
@@ -54,6 +58,11 @@ impl Unit {
             health: None,
             failed_starts: 0,
         }
+    }
+
+    /// Whether streams begin with it.
+    pub(super) fn is_source(&self) -> bool {
+        self.service.wiring.source
     }
 
     /// Whether there is or will be a process.
@@ -98,7 +107,7 @@ impl Unit {
         let is_first = process.health.is_none();
         process.hear(health.clone(), now);
         if process.is_ready() {
-            self.failed_starts = 0;
+            (self.failed_starts, self.well) = (0, now);
         }
         self.health = Some(health);
         is_first

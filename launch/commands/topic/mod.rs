@@ -3,7 +3,7 @@
 mod json;
 mod reader;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::time::{Duration, Instant};
 
@@ -14,7 +14,6 @@ use serde_json::{Value, json};
 
 use super::talk;
 use crate::cli::TopicCommand;
-use crate::config::ServiceKind;
 
 /// Carries out `echogrid topic …`.
 pub(super) fn run(command: &TopicCommand) -> Result<()> {
@@ -36,23 +35,12 @@ fn named(name: &str) -> Result<Topic> {
 fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
     let (_, _, config) = talk::running(domain, "echogrid topic")?;
     let readers = crate::supervisor::consumers(&config.services);
-    let mut writers: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
-    for (name, service) in &config.services {
-        let outputs = match service.kind {
-            // What every sensor can say; some say less.
-            ServiceKind::Sensor => echogrid_simulator::OUTPUTS,
-            ServiceKind::Odometry => echogrid_odometry::OUTPUTS,
-            ServiceKind::Localizer => echogrid_localizer::OUTPUTS,
-            ServiceKind::Mapper => echogrid_mapper::OUTPUTS,
-            ServiceKind::Publisher => echogrid_publisher::OUTPUTS,
-        };
-        for topic in outputs.iter().chain([&Topic::Health]) {
-            writers.entry(topic.name()).or_default().insert(name);
-        }
-    }
+    let writers = crate::supervisor::writers(&config.services);
+    let onlookers = crate::supervisor::onlookers(&config.services);
     let topics = Topic::ALL.map(|topic| {
-        let writers: Vec<&str> = writers.get(topic.name()).into_iter().flatten().copied().collect();
-        (topic.name(), topic.delivery().word(), writers, readers.get(topic.name()).cloned().unwrap_or_default())
+        let of = |names: &BTreeMap<String, Vec<String>>| names.get(topic.name()).cloned().unwrap_or_default();
+        let readers = [of(&readers), of(&onlookers)].concat();
+        (topic.name(), topic.delivery().word(), of(&writers), readers)
     });
     if as_json {
         let topics = topics.map(|(name, delivery, writers, readers)| {

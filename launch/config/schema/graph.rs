@@ -14,6 +14,7 @@ use super::super::robot::FILE_ENDING;
 use super::super::run::RunConfig;
 use super::super::service::{Care, ServiceKind};
 use super::super::supervision::SupervisionConfig;
+use super::super::wiring::Wiring;
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
@@ -490,13 +491,25 @@ pub(crate) static SERVICE: Section = Section {
     keys: &[
         words(
             "kind",
-            &["sensor", "odometry", "localizer", "mapper", "publisher"],
-            "one of sensor, odometry, localizer, mapper, publisher",
-            "its role: sensor, odometry, localizer, mapper or publisher",
+            &["sensor", "odometry", "localizer", "mapper", "publisher", "other"],
+            "one of sensor, odometry, localizer, mapper, publisher, other",
+            "its role: sensor, odometry, localizer, mapper or publisher; other: an executable that the keys below describe",
         ),
         text("exec", Text::MaybePath(&["/"]), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
         key("args", "a list of strings", "arguments that it gets besides"),
         key("env", "a table of strings", "environment variables that it gets besides"),
+        key(
+            "reads",
+            "a list of topics",
+            "what an executable reads, so that producers wait for it; unsaid: as its role does",
+        ),
+        key("looks_on", "a list of topics", "what it takes without anybody waiting for it"),
+        key("writes", "a list of topics", "what it writes; unsaid: as its role does"),
+        key(
+            "source",
+            "true or false",
+            "whether streams begin with it: it is asked first to end; unsaid: true of a sensor",
+        ),
         words(
             "restart",
             &["on_failure", "never"],
@@ -520,6 +533,8 @@ struct AsWritten {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    #[serde(flatten)]
+    wiring: Wiring,
     #[serde(flatten)]
     care: Care,
 }

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use config::LocalizerConfig;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, Topic};
 use serde::{Deserialize, Serialize};
 use source::{Answer, Source};
@@ -25,6 +25,8 @@ use truth::Truth;
 pub const INPUTS: &[Topic] = &[Topic::LocalizationRequest, Topic::TruePose];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::LocalizationFix];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &[] };
 
 /// Name of the only part that is saved.
 const STATE: &str = "state";

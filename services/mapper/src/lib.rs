@@ -17,7 +17,7 @@ use echogrid_core::{
     GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary,
     SensorKind, Tile, TileIndex, Verdict, VerdictCounts,
 };
-use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::contract::MAX_SENSORS;
 use echogrid_topics::{Command, Layer, MapInfo, Message, TileUpdate, Topic};
 use readings::ReadingsFile;
@@ -28,6 +28,9 @@ use trajectory::{Rectified, Trajectory};
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryEstimate, Topic::RangeScan];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::MapTiles, Topic::MapInfo, Topic::RangeVerdict];
+/// What it declares of itself.
+pub const DECLARATION: Declaration =
+    Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["save", "pause", "resume", "tell tiles"] };
 
 /// Changed tiles go out this often, by the sensor's clock.
 const TILES_EVERY_NS: u64 = 500_000_000;

@@ -15,7 +15,7 @@ use echogrid_core::{
     Placing, Pose2, Robot,
 };
 use echogrid_service::logging::Sparing;
-use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
 use nominal::NominalSensor;
@@ -25,6 +25,8 @@ use serde::{Deserialize, Serialize};
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::LocalizationFix, Topic::OdometryRaw];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::LocalizationRequest];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["fix"] };
 
 /// A localization that was asked for and has not come.
 #[derive(Debug, Clone, Serialize, Deserialize)]

@@ -13,7 +13,7 @@ use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, GridSummary, Tile};
 use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance, main_part};
-use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
 
@@ -25,6 +25,8 @@ use crate::sonars::SonarSheet;
 pub const INPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::MapTiles];
 /// What it writes: nothing that a process could read.
 pub const OUTPUTS: &[Topic] = &[];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["save"] };
 
 /// The part of `[run]` that the publisher needs.
 #[derive(Debug, Deserialize)]

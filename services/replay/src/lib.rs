@@ -10,12 +10,14 @@ use config::ReplayConfig;
 use echogrid_core::Robot;
 use echogrid_formats::log::{self, LogEvent, LogSurvey};
 use echogrid_formats::map::Provenance;
-use echogrid_service::{Plan, Sensor, process};
+use echogrid_service::{Declaration, Plan, Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic, TruePose};
 use truth::Ahead;
 
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &[] };
 
 /// Plays a log.
 #[derive(Debug)]

@@ -47,7 +47,7 @@ use std::process::ExitCode;
 
 use echogrid_core::World;
 use echogrid_formats::world;
-use echogrid_service::process;
+use echogrid_service::{Declaration, process};
 use echogrid_topics::Topic;
 
 pub use cause::{Cause, Heard, IncidenceTable};
@@ -61,6 +61,8 @@ pub use slip::ExpectedErrors;
 /// What it writes.
 pub const OUTPUTS: &[Topic] =
     &[Topic::RobotDescription, Topic::TrueWorld, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &["drive"] };
 
 /// The world that a configuration names, as the simulator takes it: walls only, where a file has walls and the points that
 /// a laser once measured of them.

@@ -5,6 +5,7 @@
 //! one thread, with the same bytes as a result.
 
 pub mod conformance;
+mod declaration;
 pub mod host;
 pub mod life;
 pub mod lifeline;
@@ -23,6 +24,7 @@ use anyhow::Result;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_topics::{Command, Message, Topic};
 
+pub use declaration::Declaration;
 pub use outbox::Outbox;
 pub use plan::Plan;
 

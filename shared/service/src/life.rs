@@ -71,7 +71,8 @@ pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<
         });
         if out.is_empty() {
             patience = patience.min(runtime.store_if_due(service, steps == 0)?);
-            if steps == 0 && runtime.inputs_ended(|topic| service.outlives(topic)) {
+            let counts = |topic| service.outlives(topic);
+            if steps == 0 && runtime.has_streams(counts) && runtime.inputs_ended(counts) {
                 break;
             }
         }

@@ -12,3 +12,4 @@ mod stopped;
 mod strangers;
 mod systemd;
 mod twenty;
+mod wiring;

@@ -171,6 +171,12 @@ impl Runtime {
         self.memory.replaying.is_empty() && self.ports.inputs_ended(counts)
     }
 
+    /// Whether there is an input stream that `counts`: a service that has none goes on until it is asked to end.
+    #[must_use]
+    pub fn has_streams(&self, counts: impl Fn(Topic) -> bool) -> bool {
+        self.ports.has_streams(counts)
+    }
+
     /// Answers the user's orders; those that change something are written down first, with where that was.
     ///
     /// # Errors

@@ -141,6 +141,11 @@ impl Ports {
         topics.all(|(topic, ended)| ended || !topic.delivery().is_stream() || !counts(topic))
     }
 
+    /// Whether there is an input stream that `counts`: the end of what has none is said by the launcher.
+    pub(crate) fn has_streams(&self, counts: impl Fn(Topic) -> bool) -> bool {
+        self.sources.iter().map(|source| source.port.topic()).any(|topic| topic.delivery().is_stream() && counts(topic))
+    }
+
     /// Last sequence taken of each lossless input, in their order.
     pub(crate) fn position(&self) -> Vec<u64> {
         self.sources.iter().filter(|source| source.resumes()).map(|source| source.port.taken().sequence).collect()

@@ -78,13 +78,26 @@ fn domain() -> Result<Domain> {
     Ok(Domain::named(&name)?)
 }
 
-/// What producers expect this service to read.
+/// Names the topics that are read, separated by commas, whatever the graph file says.
+pub const READS_VARIABLE: &str = "ECHOGRID_FAULT_READS";
+
+/// What the graph file says that this service reads or looks on.
 fn inputs() -> Result<&'static [Topic]> {
-    let plan = Plan::read(&domain()?)?;
     let name = std::env::var(SERVICE_VARIABLE).with_context(|| format!("{SERVICE_VARIABLE} is not set"))?;
-    let reads = |topic: &Topic| plan.consumers_of(*topic).contains(&name);
+    let plan = Plan::read(&domain()?)?;
+    let service = plan.config.get("services").and_then(|services| services.get(&name));
+    let named = |key| service.and_then(|service| service.get(key)?.as_array()).into_iter().flatten();
+    let mut names: Vec<String> = ["reads", "looks_on"]
+        .into_iter()
+        .flat_map(named)
+        .filter_map(|topic| topic.as_str())
+        .map(str::to_owned)
+        .collect();
+    if let Ok(reads) = std::env::var(READS_VARIABLE) {
+        names = reads.split(',').map(str::to_owned).collect();
+    }
     // For as long as the process.
-    Ok(Topic::ALL.into_iter().filter(reads).collect::<Vec<_>>().leak())
+    Ok(names.iter().filter_map(|name| topic(name)).collect::<Vec<_>>().leak())
 }
 
 /// What happens when the messages before it have been given, or taken.

@@ -1,0 +1,95 @@
+//! What each service reads and writes: as it declares, as the graph file says, or as its role does.
+
+use echogrid_service::Declaration;
+use echogrid_topics::Topic;
+use serde::{Deserialize, Serialize};
+
+use super::service::{Builtin, Exec, ServiceKind};
+
+/// What a service reads and writes, by the names of the topics.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Wiring {
+    /// Topics whose producers wait for it.
+    pub reads: Vec<String>,
+    /// Topics that it takes what comes of; nobody waits for it there.
+    pub looks_on: Vec<String>,
+    /// Topics that it writes.
+    pub writes: Vec<String>,
+    /// Whether streams begin with it: it is asked first when the graph is to end, and waits for nobody.
+    pub source: bool,
+}
+
+impl Wiring {
+    /// Its keys in a graph file.
+    pub(super) const KEYS: [&str; 4] = ["reads", "looks_on", "writes", "source"];
+}
+
+/// What a graph file says of it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Written {
+    pub(super) reads: Option<Vec<String>>,
+    pub(super) looks_on: Option<Vec<String>>,
+    pub(super) writes: Option<Vec<String>>,
+    pub(super) source: Option<bool>,
+}
+
+impl Written {
+    /// The first key that was said, if any was.
+    pub(super) fn key(&self) -> Option<&'static str> {
+        let said = [self.reads.is_some(), self.looks_on.is_some(), self.writes.is_some(), self.source.is_some()];
+        said.into_iter().zip(Wiring::KEYS).find(|(is_said, _)| *is_said).map(|(_, key)| key)
+    }
+
+    /// With what is not said as the role has it. Who says of an input whether it is waited for says it of all.
+    pub(super) fn resolve(self, kind: ServiceKind, exec: &Exec) -> Wiring {
+        let role = match exec {
+            Exec::Builtin(builtin) => Wiring::from(builtin.declaration()),
+            Exec::Path(_) => kind.wiring(),
+        };
+        let says_inputs = self.reads.is_some() || self.looks_on.is_some();
+        let input = |said: Option<Vec<String>>, role| if says_inputs { said.unwrap_or_default() } else { role };
+        let is_sensor = kind == ServiceKind::Sensor;
+        let reads = input(self.reads, role.reads);
+        Wiring {
+            looks_on: input(self.looks_on, role.looks_on),
+            writes: self.writes.unwrap_or(role.writes),
+            source: self.source.unwrap_or(is_sensor),
+            reads,
+        }
+    }
+}
+
+impl From<Declaration> for Wiring {
+    fn from(Declaration { reads, looks_on, writes, .. }: Declaration) -> Self {
+        let names = |topics: &[Topic]| topics.iter().map(|topic| topic.name().to_owned()).collect();
+        Self { reads: names(reads), looks_on: names(looks_on), writes: names(writes), source: false }
+    }
+}
+
+impl Builtin {
+    /// What it declares of itself.
+    #[must_use]
+    pub fn declaration(self) -> Declaration {
+        match self {
+            Self::Replay => echogrid_replay::DECLARATION,
+            Self::Simulator => echogrid_simulator::DECLARATION,
+            Self::Odometry => echogrid_odometry::DECLARATION,
+            Self::Localizer => echogrid_localizer::DECLARATION,
+            Self::Mapper => echogrid_mapper::DECLARATION,
+            Self::Publisher => echogrid_publisher::DECLARATION,
+        }
+    }
+}
+
+impl ServiceKind {
+    /// What services of this role read and write unless they say otherwise; of no role: nothing.
+    fn wiring(self) -> Wiring {
+        match self {
+            // All that a sensor can say; some say less.
+            Self::Sensor => echogrid_simulator::DECLARATION.into(),
+            Self::Other => Wiring::default(),
+            _ => self.default_builtin().map(Builtin::declaration).map(Wiring::from).unwrap_or_default(),
+        }
+    }
+}
