@@ -106,7 +106,7 @@ impl Observer {
         }
         match message {
             Message::Tile(TileUpdate { layer: Layer::Map, index, revision, log_odds, .. }) => {
-                *self.grid.tile_mut(*index) = Tile { revision: *revision, log_odds: log_odds.clone(), shares: None };
+                *self.grid.tile_mut(*index) = Tile::new(*revision, log_odds.clone());
             }
             Message::Estimate(estimate) => {
                 let pose = estimate.estimate.pose;

@@ -38,8 +38,7 @@ impl Service for Seen {
         match input {
             Input::Message { message: Message::Tile(tile), .. } => {
                 assert_eq!(tile.layer, Layer::Map, "nobody asked for maps of the sonars");
-                *self.grid.tile_mut(tile.index) =
-                    Tile { revision: tile.revision, log_odds: tile.log_odds, shares: None };
+                *self.grid.tile_mut(tile.index) = Tile::new(tile.revision, tile.log_odds);
             }
             Input::Message { message: Message::TruePose(pose), .. } => self.path.extend(pose.map_from_base),
             Input::Message { message: Message::Info(info), .. } => self.sonars = info.sonars,

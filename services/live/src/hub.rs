@@ -121,7 +121,7 @@ impl Scene {
         };
         if layer == Layer::Occupancy {
             let grid = self.grid.get_or_insert_with(|| Grid::new(resolution_m));
-            *grid.tile_mut(index) = Tile { revision, log_odds, shares: None };
+            *grid.tile_mut(index) = Tile::new(revision, log_odds);
         }
         let layers = self.layers.len();
         self.layers.entry(layer).or_default().insert(index, DrawnTile { version, levels: Box::new(levels) });

@@ -14,8 +14,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Reading, Remapped, Robot, RunningSummary,
-    SensorKind, Tile, TileIndex, Verdict, VerdictCounts,
+    GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot, SensorKind,
+    TILE_CELLS, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::contract::MAX_SENSORS;
@@ -71,7 +71,6 @@ pub struct MapperService {
     trajectory: Trajectory,
     /// Scans whose poses are not known yet.
     waiting: VecDeque<Scan>,
-    summary: RunningSummary,
     /// By the last verdict of each reading: a fix may change one.
     counts: VerdictCounts,
     /// Readings fused again after a fix, and readings that no fix can change any more though one came.
@@ -105,7 +104,6 @@ impl MapperService {
             mapper: None,
             trajectory: Trajectory::default(),
             waiting: VecDeque::new(),
-            summary: RunningSummary::default(),
             counts: VerdictCounts::default(),
             remapped: (0, 0),
             sonar_counts: Vec::new(),
@@ -134,6 +132,34 @@ impl MapperService {
     pub fn saving_readings_in(mut self, folder: PathBuf) -> Self {
         self.readings_file = self.config.keep_readings.then(|| ReadingsFile::new(folder));
         self
+    }
+
+    /// Makes the mapper for a robot.
+    fn begin(&mut self, robot: Robot) -> Result<()> {
+        let OdometryConfig { noise, seed, .. } = self.odometry;
+        let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
+        let sonars: usize = sonars.map(|sensor| usize::from(sensor.transducers)).sum();
+        self.sonar_counts = vec![VerdictCounts::default(); sonars.min(MAX_SENSORS)];
+        if let Some(file) = &mut self.readings_file {
+            file.set_robot(robot.clone());
+        }
+        self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot.clone()).context("[mapper]")?);
+        self.robot = Some(robot);
+        Ok(())
+    }
+
+    /// Takes in what is left, and tells and saves the map as it is in the end.
+    fn finish(&mut self, out: &mut Outbox) -> Result<()> {
+        // What is still not bracketed never will be: those readings have no pose.
+        while self.mapper.is_some() && !self.waiting.is_empty() {
+            self.integrate_oldest(out);
+        }
+        self.rectify(u64::MAX, self.revision.saturating_add(1));
+        self.publish_tiles(out);
+        self.finished = true;
+        self.publish_info(out);
+        self.save_readings()?;
+        Ok(())
     }
 
     /// The file; none unless readings are kept, or when there is no robot yet.
@@ -184,38 +210,11 @@ impl MapperService {
         if let Some(Scan { stamp_ns, sequence, .. }) = self.waiting.front() {
             self.rectify(*stamp_ns, *sequence);
         }
-        let (Some(mapper), Some(scan)) = (self.mapper.as_mut(), self.waiting.pop_front()) else { return };
-        let estimates = scan
-            .readings
-            .iter()
-            .map(|reading| self.trajectory.at(scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns))));
-        let (held, scanned): (Vec<bool>, Vec<_>) = scan
-            .readings
-            .iter()
-            .zip(estimates)
-            .map(|(reading, estimate)| {
-                let held = self.paused || estimate.is_some_and(|(_, hold)| hold);
-                (held, (*reading, estimate.map(|(estimate, _)| estimate)))
-            })
-            .unzip();
-        if let Some(file) = &mut self.readings_file {
-            file.begin_scan(scan.sequence, scan.stamp_ns);
+        if self.mapper.is_none() {
+            return;
         }
-        // What is held is not judged either: where the robot was then is hardly known.
-        let judged: Vec<_> =
-            scanned.iter().zip(&held).filter(|(_, held)| !**held).map(|(scanned, _)| *scanned).collect();
-        let mut judged = mapper.integrate_scan(scan.sequence, &judged).into_iter();
-        let mut verdicts = Vec::with_capacity(scan.readings.len());
-        for (reading, held) in scan.readings.iter().zip(held) {
-            let verdict = if held { Verdict::Held } else { judged.next().unwrap_or(Verdict::Held) };
-            self.counts.add(verdict);
-            if let Some(counts) =
-                mapper.sonar_of(reading.transducer).and_then(|n| self.sonar_counts.get_mut(usize::from(n)))
-            {
-                counts.add(verdict);
-            }
-            verdicts.push((reading.transducer, verdict));
-        }
+        let Some(scan) = self.waiting.pop_front() else { return };
+        let verdicts = self.integrate(&scan);
         self.trajectory.forget_before(scan.stamp_ns);
         self.scans += 1;
         self.revision = scan.sequence;
@@ -232,12 +231,38 @@ impl MapperService {
         }
     }
 
+    /// Takes in a scan: the transducer and the verdict of each of its readings, in their order.
+    fn integrate(&mut self, scan: &Scan) -> Vec<(u16, Verdict)> {
+        let Some(mapper) = self.mapper.as_mut() else { return Vec::new() };
+        if let Some(file) = &mut self.readings_file {
+            file.begin_scan(scan.sequence, scan.stamp_ns);
+        }
+        // What is held is not judged either: where the robot was then is hardly known.
+        let (mut held, mut judged) = (Vec::with_capacity(scan.readings.len()), Vec::new());
+        for reading in &scan.readings {
+            let estimate = self.trajectory.at(scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns)));
+            let is_held = self.paused || estimate.is_some_and(|(_, hold)| hold);
+            held.push(is_held);
+            if !is_held {
+                judged.push((*reading, estimate.map(|(estimate, _)| estimate)));
+            }
+        }
+        let mut judged = mapper.integrate_scan(scan.sequence, &judged).into_iter();
+        let mut verdicts = Vec::with_capacity(scan.readings.len());
+        for (Reading { transducer, .. }, is_held) in scan.readings.iter().zip(held) {
+            let verdict = if is_held { Verdict::Held } else { judged.next().unwrap_or(Verdict::Held) };
+            self.counts.add(verdict);
+            let sonar = mapper.sonar_of(*transducer).and_then(|n| self.sonar_counts.get_mut(usize::from(n)));
+            sonar.into_iter().for_each(|counts| counts.add(verdict));
+            verdicts.push((*transducer, verdict));
+        }
+        verdicts
+    }
+
     fn publish_tiles(&mut self, out: &mut Outbox) {
         let Some(mapper) = self.mapper.as_mut() else { return };
-        let dirty: Vec<TileIndex> = mapper.take_dirty();
-        self.summary.changed(&dirty);
-        let of_sonars = mapper.take_dirty_of_sonars();
-        self.send_tiles(out, dirty, of_sonars);
+        let (tiles, of_sonars) = (mapper.take_changed(), mapper.take_changed_of_sonars());
+        self.send_tiles(out, tiles, of_sonars);
     }
 
     fn send_tiles(
@@ -247,17 +272,25 @@ impl MapperService {
         of_sonars: impl IntoIterator<Item = (u16, TileIndex)>,
     ) {
         let Some(mapper) = self.mapper.as_ref() else { return };
+        let mut send = |layer, index, revision, cells: &[f32]| {
+            let mut log_odds = Box::new([f32::NAN; TILE_CELLS]);
+            log_odds.copy_from_slice(cells);
+            let resolution_m = self.config.resolution_m;
+            let update = TileUpdate { layer, index, revision, resolution_m, log_odds };
+            out.send(self.stamp_ns, Message::Tile(update));
+        };
         for index in tiles {
             let Some(tile) = mapper.grid().tile(index) else { continue };
-            out.send(self.stamp_ns, update(Layer::Map, index, tile, self.config.resolution_m));
-            if let Some(doubt) = mapper.doubt().and_then(|doubt| doubt.tile(index)) {
-                let doubt = Tile { revision: tile.revision, log_odds: doubt.log_odds.clone(), shares: None };
-                out.send(self.stamp_ns, update(Layer::Doubt, index, &doubt, self.config.resolution_m));
+            send(Layer::Map, index, tile.revision, tile.log_odds.as_slice());
+            for (plane, cells) in tile.planes() {
+                if let Some(layer) = layer_of(plane) {
+                    send(layer, index, tile.revision, cells);
+                }
             }
         }
         for (sonar, index) in of_sonars {
             let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };
-            out.send(self.stamp_ns, update(Layer::Sonar(sonar), index, tile, self.config.resolution_m));
+            send(Layer::Sonar(sonar), index, tile.revision, tile.log_odds.as_slice());
         }
     }
 
@@ -279,7 +312,7 @@ impl MapperService {
     }
 
     fn publish_info(&mut self, out: &mut Outbox) {
-        let summary = self.mapper.as_ref().map(|mapper| self.summary.of(mapper.grid())).unwrap_or_default();
+        let summary = self.mapper.as_mut().map(GridMapper::summary).unwrap_or_default();
         let info = self.info(summary);
         out.send(self.stamp_ns, Message::Info(info));
     }
@@ -312,9 +345,12 @@ impl MapperService {
     }
 }
 
-fn update(layer: Layer, index: TileIndex, tile: &Tile, resolution_m: f64) -> Message {
-    let (revision, log_odds) = (tile.revision, tile.log_odds.clone());
-    Message::Tile(TileUpdate { layer, index, revision, resolution_m, log_odds })
+/// The layer of `map/tiles` that a plane is published as, if it is.
+fn layer_of(plane: Plane) -> Option<Layer> {
+    match plane {
+        Plane::Doubt => Some(Layer::Doubt),
+        Plane::DoubtWeight | Plane::LogOddsBefore => None,
+    }
 }
 
 impl Service for MapperService {
@@ -330,15 +366,7 @@ impl Service for MapperService {
         match input {
             Input::Message { message: Message::Robot(robot), .. } => {
                 if self.mapper.is_none() {
-                    let OdometryConfig { noise, seed, .. } = self.odometry;
-                    let sonars = robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Sonar);
-                    let sonars: usize = sonars.map(|sensor| usize::from(sensor.transducers)).sum();
-                    self.sonar_counts = vec![VerdictCounts::default(); sonars.min(MAX_SENSORS)];
-                    if let Some(file) = &mut self.readings_file {
-                        file.set_robot(robot.clone());
-                    }
-                    self.robot = Some(robot.clone());
-                    self.mapper = Some(GridMapper::new(&self.config, noise, seed, robot).context("[mapper]")?);
+                    self.begin(robot)?;
                 }
             }
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => {
@@ -350,17 +378,7 @@ impl Service for MapperService {
                 self.integrate_bracketed(out);
             }
             Input::Message { .. } => {}
-            Input::Finish => {
-                // What is still not bracketed never will be: those readings have no pose.
-                while self.mapper.is_some() && !self.waiting.is_empty() {
-                    self.integrate_oldest(out);
-                }
-                self.rectify(u64::MAX, self.revision.saturating_add(1));
-                self.publish_tiles(out);
-                self.finished = true;
-                self.publish_info(out);
-                self.save_readings()?;
-            }
+            Input::Finish => self.finish(out)?,
         }
         Ok(())
     }

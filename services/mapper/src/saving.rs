@@ -10,7 +10,7 @@
 use std::collections::VecDeque;
 
 use anyhow::{Result, bail};
-use echogrid_core::{GridMapper, OdometryConfig, Parts, Robot, RunningSummary, Saved, SavedError, VerdictCounts};
+use echogrid_core::{GridMapper, OdometryConfig, Parts, Robot, Saved, SavedError, VerdictCounts};
 use serde::{Deserialize, Serialize};
 
 use crate::trajectory::{Trajectory, TrajectoryState};
@@ -86,18 +86,12 @@ impl MapperService {
             (None, None) => {}
             _ => bail!(SavedError::new(STATE, "readings are kept now and were not then, or the other way round")),
         }
-        // Every tile is looked at once more: that gives the same numbers.
-        let mut summary = RunningSummary::default();
-        for (index, _) in mapper.iter().flat_map(|mapper| mapper.grid().tiles()) {
-            summary.changed(&[index]);
-        }
         *self = Self {
             robot_saved: robot.is_some(),
             robot,
             mapper,
             trajectory,
             waiting: state.waiting,
-            summary,
             counts: state.counts,
             remapped: state.remapped,
             sonar_counts: state.sonar_counts,

@@ -119,7 +119,7 @@ impl Service for PublisherService {
         match input {
             Input::Message { message: Message::Tile(tile), .. } => {
                 let TileUpdate { layer, index, revision, resolution_m, log_odds } = tile;
-                let tile = Tile { revision, log_odds, shares: None };
+                let tile = Tile::new(revision, log_odds);
                 match layer {
                     Layer::Map => *self.grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
                     Layer::Doubt => *self.doubt.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,

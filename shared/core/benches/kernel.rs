@@ -72,7 +72,7 @@ fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, work: Work) {
                 }
             }
         }
-        mapper.take_dirty()
+        mapper.take_changed()
     });
 }
 

@@ -74,8 +74,8 @@ impl Drive {
             let scan = ring.readings().map(|reading| (reading, Some(estimate)));
             black_box(self.mapper.integrate_scan(self.at as u64, &scan));
         }
-        self.mapper.take_dirty();
-        self.mapper.take_dirty_of_sonars();
+        self.mapper.take_changed();
+        self.mapper.take_changed_of_sonars();
     }
 
     fn save(&mut self) -> Parts {

@@ -4,7 +4,7 @@
 //! rule fuses: a robot whose position is in doubt by half of that radius clears nothing.
 
 use crate::config::{Limit, MapperConfig};
-use crate::grid::{CellIndex, DirtyTiles, Grid};
+use crate::grid::{CellIndex, Grid};
 use crate::odometry::Estimate;
 use crate::pose::Pose2;
 use crate::robot::Robot;
@@ -40,8 +40,15 @@ impl Driven {
         Self { radius_m, start: config.log_odds_prior as f32, max: config.log_odds_max as f32, last: None }
     }
 
+    /// Clears what the robot covers where it is now. The radius that was cleared, metres; 0 where that is nothing new.
+    pub(crate) fn clear(&mut self, grid: &mut Grid, estimate: &Estimate, revision: u64) -> f64 {
+        let radius_m = self.radius_m(estimate);
+        self.clear_disc(grid, [estimate.pose.x, estimate.pose.y], radius_m, revision);
+        radius_m
+    }
+
     /// The radius of what is free for certain where the robot is now, metres; 0 where that is nothing new.
-    pub(crate) fn radius_m(&mut self, estimate: &Estimate) -> f64 {
+    fn radius_m(&mut self, estimate: &Estimate) -> f64 {
         let Pose2 { x, y, .. } = estimate.pose;
         let step_m = 0.5 * self.radius_m;
         if self.last.is_some_and(|[last_x, last_y]| libm::hypot(x - last_x, y - last_y) < step_m) {
@@ -62,7 +69,7 @@ impl Driven {
     }
 
     /// The cells of such a radius around (x, y), metres, become freer.
-    pub(crate) fn clear(&self, grid: &mut Grid, dirty: &mut DirtyTiles, at: [f64; 2], radius_m: f64, revision: u64) {
+    pub(crate) fn clear_disc(&self, grid: &mut Grid, at: [f64; 2], radius_m: f64, revision: u64) {
         let [x, y] = at;
         let (low, high) = (grid.cell_at(x - radius_m, y - radius_m), grid.cell_at(x + radius_m, y + radius_m));
         for j in low.j..=high.j {
@@ -72,7 +79,6 @@ impl Driven {
                 if libm::hypot(cell_x - x, cell_y - y) > radius_m {
                     continue;
                 }
-                dirty.insert(cell.tile());
                 let tile = grid.tile_mut(cell.tile());
                 tile.revision = revision;
                 let value = &mut tile.log_odds[cell.offset_in_tile()];

@@ -1,8 +1,9 @@
 //! What a reading makes of the cells of its cone: the rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
 use crate::config::{Fusion, MapperConfig, Noise};
+use crate::filter::Channel;
 use crate::first_echo::FirstEcho;
-use crate::grid::{DirtyTiles, Grid};
+use crate::grid::Grid;
 use crate::kernel::{EchoCone, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
 use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
@@ -10,30 +11,41 @@ use crate::novelty::Novelty;
 use crate::odometry::Estimate;
 use crate::oriented::Oriented;
 use crate::pose::Pose2;
+use crate::reading::Reading;
 use crate::robot::Transducer;
 use crate::sensor_model::{BAND, Cone, Deviations};
 use crate::shares::draw;
 use crate::verdict::Verdict;
 
-/// A reading that is to be fused.
+/// A reading that tells a range, or that nothing came back, and where the robot was when it was taken.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sounding<'a> {
-    /// Of its scan.
+    /// The number of its scan.
     pub(crate) sequence: u64,
-    pub(crate) transducer: u16,
-    pub(crate) sensor: &'a Transducer,
-    /// None: nothing came back.
+    pub(crate) reading: &'a Reading,
+    /// Its transducer.
+    pub(crate) channel: Channel,
+    /// z_t; none: nothing came back.
     pub(crate) range_m: Option<f64>,
-    /// Where the robot was; finite.
+    /// x_t, finite.
     pub(crate) estimate: &'a Estimate,
-    /// How much of it is new, if that was told when it was fused before.
-    pub(crate) news: Option<f64>,
 }
 
 impl Sounding<'_> {
     fn map_from_transducer(&self) -> Pose2 {
-        self.estimate.pose * self.sensor.base_from_transducer
+        self.estimate.pose * self.channel.transducer.base_from_transducer
     }
+}
+
+/// What a reading says of every cell of its cone: the inverse sensor model of Algorithm 1, ready for the kernel that adds it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum InverseSensorModel {
+    /// A probability of each cell by its place in the cone (eq 21).
+    Cone(Cone),
+    /// The first of the cells that answers gave the echo.
+    FirstEcho(EchoCone),
+    /// The same where smooth walls mirror.
+    Oriented(OrientedCone),
 }
 
 /// How much a reading says.
@@ -62,6 +74,7 @@ pub(crate) struct Fuser {
 }
 
 impl Fuser {
+    /// By the rule of `config`; `noise` and `seed` are those of the odometry.
     pub(crate) fn new(config: &MapperConfig, noise: Noise, seed: u64) -> Self {
         Self {
             config: config.clone(),
@@ -79,75 +92,85 @@ impl Fuser {
         }
     }
 
-    /// Every cell of the cone of a reading (eq 20); how much it said.
+    /// How far a reading is to be trusted (eqs 22, 23), and how much of it is new: `news`, if that was told when it was fused before.
     ///
     /// # Errors
-    /// The verdict, where it is not trusted or leaves the map; nothing is changed then.
-    pub(crate) fn add(
-        &mut self,
-        grid: &mut Grid,
-        dirty: &mut DirtyTiles,
-        sounding: &Sounding<'_>,
-    ) -> Result<Weighed, Verdict> {
-        // How far to trust it (eqs 22, 23)
+    /// It is not to be trusted.
+    pub(crate) fn weigh(&mut self, sounding: &Sounding<'_>, news: Option<f64>) -> Result<Weighed, Verdict> {
         let deviations = self.deviations(sounding);
         // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
         if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
             return Err(Verdict::Untrusted);
         }
-        let map_from_transducer = sounding.map_from_transducer();
-        let of_now = || self.novelty.of(sounding.transducer, map_from_transducer, self.config.novelty_m);
-        let news = sounding.news.unwrap_or_else(of_now);
-        self.apply(grid, dirty, sounding, deviations, news)?;
+        let (transducer, novelty_m) = (sounding.reading.transducer, self.config.novelty_m);
+        let of_now = || self.novelty.of(transducer, sounding.map_from_transducer(), novelty_m);
+        let news = news.unwrap_or_else(of_now);
         let sigma_z0_m = self.sigma_z0_m(sounding);
         let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
         Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt(), cleared_m: 0.0 })
     }
 
-    /// What a reading of these deviations, so much of which is new, says of every cell of its cone.
-    ///
-    /// # Errors
-    /// The verdict, where it leaves the map; nothing is changed then.
-    pub(crate) fn apply(
-        &mut self,
-        grid: &mut Grid,
-        dirty: &mut DirtyTiles,
+    /// What a reading of these deviations, so much of which is new, says of every cell of its cone, by the rule of fusion.
+    pub(crate) fn inverse_sensor_model(
+        &self,
         sounding: &Sounding<'_>,
         deviations: Deviations,
         news: f64,
-    ) -> Result<(), Verdict> {
-        let (map_from_transducer, sequence) = (sounding.map_from_transducer(), sounding.sequence);
-        let added = match self.config.fusion.of(sounding.sensor.kind) {
+    ) -> InverseSensorModel {
+        match self.config.fusion.of(sounding.channel.transducer.kind) {
             Fusion::Auto | Fusion::Paper | Fusion::Covariance => {
-                let cone = self.cone(sounding, deviations, news);
-                self.kernel.add(grid, dirty, map_from_transducer, &cone, sequence)
+                InverseSensorModel::Cone(self.cone(sounding, deviations, news))
             }
-            Fusion::FirstEcho => {
-                let cone = self.echo_cone(sounding, deviations, news);
-                self.first_echo.add(grid, dirty, map_from_transducer, &cone, sequence)
-            }
-            Fusion::Oriented => {
-                let cone = self.oriented_cone(sounding, deviations, news);
-                self.oriented.add(grid, dirty, map_from_transducer, &cone, sequence)
-            }
+            Fusion::FirstEcho => InverseSensorModel::FirstEcho(self.echo_cone(sounding, deviations, news)),
+            Fusion::Oriented => InverseSensorModel::Oriented(self.oriented_cone(sounding, deviations, news)),
+        }
+    }
+
+    /// Adds what a reading says to every cell of its cone (eq 20, as log-odds: line 3 of Algorithm 1).
+    ///
+    /// # Errors
+    /// It leaves the map; nothing is changed then.
+    pub(crate) fn add(
+        &mut self,
+        grid: &mut Grid,
+        sounding: &Sounding<'_>,
+        model: &InverseSensorModel,
+    ) -> Result<(), Verdict> {
+        let (map_from_transducer, revision) = (sounding.map_from_transducer(), sounding.sequence);
+        let added = match model {
+            InverseSensorModel::Cone(cone) => self.kernel.add(grid, map_from_transducer, cone, revision),
+            InverseSensorModel::FirstEcho(cone) => self.first_echo.add(grid, map_from_transducer, cone, revision),
+            InverseSensorModel::Oriented(cone) => self.oriented.add(grid, map_from_transducer, cone, revision),
         };
         added.map_err(|_| Verdict::OffMap)
     }
 
-    /// σ_z without odometry error, metres.
-    fn sigma_z0_m(&self, sounding: &Sounding<'_>) -> f64 {
-        let range_m = sounding.range_m.unwrap_or(sounding.sensor.range_max_m);
-        (sounding.sensor.range_error_ratio * range_m).max(0.5 * self.config.resolution_m)
+    /// All of it: weighs a reading, and adds what it says.
+    ///
+    /// # Errors
+    /// It is not to be trusted, or leaves the map; nothing is changed then.
+    pub(crate) fn fuse(&mut self, grid: &mut Grid, sounding: &Sounding<'_>, news: f64) -> Result<(), Verdict> {
+        let Weighed { deviations, news, .. } = self.weigh(sounding, Some(news))?;
+        let model = self.inverse_sensor_model(sounding, deviations, news);
+        self.add(grid, sounding, &model)
     }
 
+    /// σ_z without odometry error, metres.
+    fn sigma_z0_m(&self, sounding: &Sounding<'_>) -> f64 {
+        let Transducer { range_max_m, range_error_ratio, .. } = sounding.channel.transducer;
+        let range_m = sounding.range_m.unwrap_or(range_max_m);
+        (range_error_ratio * range_m).max(0.5 * self.config.resolution_m)
+    }
+
+    /// σ_z, σ_θ and the trust of a reading (eqs 22, 23), or their likenesses from the covariance of the pose.
     pub(crate) fn deviations(&self, sounding: &Sounding<'_>) -> Deviations {
-        let Sounding { sequence, transducer, sensor, estimate, .. } = *sounding;
+        let Sounding { sequence, reading, channel: Channel { transducer: sensor, .. }, estimate, .. } = *sounding;
         let (aperture_rad, ratio, resolution_m) =
             (sensor.aperture_rad, sensor.range_error_ratio, self.config.resolution_m);
         let range_m = sounding.range_m.unwrap_or(sensor.range_max_m);
         match self.config.fusion.of(sensor.kind) {
             Fusion::Auto | Fusion::Paper => {
-                let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, transducer);
+                let noise = NoiseTerms::of(self.noise, &estimate.errors, self.seed, sequence, reading.transducer);
                 Deviations::of(range_m, aperture_rad, ratio, resolution_m, &estimate.errors, noise)
             }
             Fusion::Covariance | Fusion::FirstEcho | Fusion::Oriented => {
@@ -161,7 +184,7 @@ impl Fuser {
     /// Of the models that add up. What is not new is trusted less; a cone without an echo is free to its end, as far as echoes are
     /// not lost.
     fn cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> Cone {
-        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = sounding.channel.transducer;
         let found = if sounding.range_m.is_some() { 1.0 } else { 1.0 - self.config.echo_lost };
         Cone {
             range_m: sounding.range_m.unwrap_or(range_cap_m + BAND * deviations.sigma_z_m),
@@ -170,12 +193,12 @@ impl Fuser {
             deviations: Deviations { trust: deviations.trust * news * found, ..deviations },
             p_occupied: self.config.p_occupied,
             p_free: self.config.p_free,
-            leaves_gaps: sounding.sensor.leaves_gaps,
+            leaves_gaps: sounding.channel.transducer.leaves_gaps,
         }
     }
 
     fn echo_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> EchoCone {
-        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = sounding.channel.transducer;
         let Deviations { sigma_z_m, sigma_theta_rad, .. } = deviations;
         let sigma_z0_m = self.sigma_z0_m(sounding);
         EchoCone {
@@ -191,7 +214,7 @@ impl Fuser {
             aperture_rad,
             prior_log_odds: log_odds_of(self.config.echo_prior),
             weight: news * libm::pow(sigma_z0_m / sigma_z_m, self.config.tempering),
-            leaves_gaps: sounding.sensor.leaves_gaps,
+            leaves_gaps: sounding.channel.transducer.leaves_gaps,
         }
     }
 }
@@ -199,7 +222,7 @@ impl Fuser {
 impl Fuser {
     /// Where the pose is uncertain less is expected to answer: who does not know where the wall is can't say that it was silent.
     fn oriented_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> OrientedCone {
-        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = *sounding.sensor;
+        let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = sounding.channel.transducer;
         let sigma_z_m = deviations.sigma_z_m;
         let sureness = self.sigma_z0_m(sounding) / sigma_z_m;
         OrientedCone {
@@ -215,8 +238,8 @@ impl Fuser {
             aperture_rad,
             prior_log_odds: log_odds_of(self.config.echo_prior),
             weight: news * libm::pow(sureness, self.config.tempering),
-            leaves_gaps: sounding.sensor.leaves_gaps,
-            draw: draw(sounding.sequence, sounding.transducer),
+            leaves_gaps: sounding.channel.transducer.leaves_gaps,
+            draw: draw(sounding.sequence, sounding.reading.transducer),
         }
     }
 }
@@ -224,13 +247,14 @@ impl Fuser {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::reading::Echo;
     use crate::robot::SensorKind;
 
     #[test]
     fn who_lost_the_way_along_a_corridor_still_knows_its_walls() {
         let config = MapperConfig { fusion: Fusion::Covariance, ..MapperConfig::default() };
         let fuser = Fuser::new(&config, Noise::Sampled, 1);
-        let sensor = Transducer {
+        let transducer = Transducer {
             kind: SensorKind::Sonar,
             base_from_transducer: Pose2::new(0.2, 0.0, 0.0),
             aperture_rad: core::f64::consts::FRAC_PI_6,
@@ -243,10 +267,10 @@ mod tests {
         let deviations = |heading_rad: f64| {
             let mut estimate = Estimate::certain(Pose2::new(0.0, 0.0, heading_rad));
             estimate.covariance[(0, 0)] = 1.0;
+            let reading = Reading { transducer: 0, echo: Echo::Hit { range_m: 2.0 }, offset_ns: 0 };
+            let channel = Channel { transducer, sonar: Some(0), selected: true, min_range_m: 0.15, max_range_m: 4.0 };
             let range_m = Some(2.0);
-            let sounding =
-                Sounding { sequence: 1, transducer: 0, sensor: &sensor, range_m, estimate: &estimate, news: None };
-            fuser.deviations(&sounding)
+            fuser.deviations(&Sounding { sequence: 1, reading: &reading, channel, range_m, estimate: &estimate })
         };
         let (along, across) = (deviations(0.0), deviations(core::f64::consts::FRAC_PI_2));
         assert!((along.sigma_z_m - libm::hypot(1.0, 0.025)).abs() < 1e-9, "{along:?}");

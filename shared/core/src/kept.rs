@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::chunks::Chunks;
+use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::parts::{Parts, Saved, SavedError};
 use crate::pose::Pose2;
 use crate::reading::Reading;
@@ -28,6 +29,21 @@ pub struct KeptReading {
     pub verdict: Verdict,
     /// Around the robot, where it was then, so much was cleared after this reading, metres; 0: nothing.
     pub cleared_m: f64,
+}
+
+impl KeptReading {
+    /// A reading as it was fused, or as it would have been if it was refused for what it tells.
+    pub(crate) fn of(sounding: &Sounding<'_>, fused: Result<Weighed, Verdict>, fuser: &Fuser) -> Option<Self> {
+        let (deviations, news, cleared_m, verdict) = match fused {
+            Ok(Weighed { deviations, news, cleared_m, .. }) => (deviations, news, cleared_m, Verdict::Accepted),
+            Err(Verdict::Accepted | Verdict::Invalid | Verdict::NoEcho | Verdict::NoPose | Verdict::Held) => {
+                return None;
+            }
+            Err(verdict) => (fuser.deviations(sounding), 0.0, 0.0, verdict),
+        };
+        let Sounding { sequence, reading, estimate, .. } = *sounding;
+        Some(Self { sequence, reading: *reading, pose: estimate.pose, deviations, news, verdict, cleared_m })
+    }
 }
 
 /// The last so many readings, in the order in which they were fused.
@@ -72,7 +88,14 @@ impl KeptReadings {
         self.given_up + self.readings.len() as u64
     }
 
-    pub(crate) fn push(&mut self, reading: KeptReading) {
+    /// Keeps a reading, if it says anything.
+    pub(crate) fn record(&mut self, sounding: &Sounding<'_>, fused: Result<Weighed, Verdict>, fuser: &Fuser) {
+        if let Some(kept) = KeptReading::of(sounding, fused, fuser) {
+            self.push(kept);
+        }
+    }
+
+    fn push(&mut self, reading: KeptReading) {
         if self.readings.len() >= self.max {
             self.readings.pop_front();
             self.given_up += 1;

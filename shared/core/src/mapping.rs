@@ -1,43 +1,38 @@
-//! Algorithm 1: occupancy grid mapping.
+//! Algorithm 1 of the paper: occupancy grid mapping.
 
+mod recorders;
 mod saving;
 
 use crate::config::{ConfigError, MapperConfig, Noise};
-use crate::doubt::Doubt;
 use crate::driven::Driven;
 use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding, Weighed};
-use crate::grid::{DirtyTiles, Grid, TileIndex};
-use crate::kept::{KeptReading, KeptReadings};
+use crate::grid::{Grid, Mark, TileIndex};
+use crate::kept::KeptReadings;
 use crate::odometry::Estimate;
 use crate::reading::Reading;
-use crate::remap::Journal;
 use crate::robot::Robot;
 use crate::sonar_maps::SonarMaps;
+use crate::summary::{GridSummary, RunningSummary};
 use crate::verdict::Verdict;
+use recorders::Recorders;
 
 pub use saving::RestoreError;
 
 /// Fuses readings into an occupancy grid.
 #[derive(Debug, Clone)]
 pub struct GridMapper {
-    config: MapperConfig,
     /// Of what it is made, in a number.
     settings: u32,
     channels: Vec<Option<Channel>>,
     chain: Chain,
-    pub(crate) grid: Grid,
-    fuser: Fuser,
+    pub(crate) fuser: Fuser,
     pub(crate) driven: Driven,
-    pub(crate) dirty: DirtyTiles,
-    /// What a fix may change; none if it may not.
-    pub(crate) journal: Option<Journal>,
-    /// None: not asked for.
-    sonar_maps: Option<SonarMaps>,
-    /// None: not asked for.
-    pub(crate) doubt: Option<Doubt>,
-    /// None: not asked for.
-    pub(crate) kept: Option<KeptReadings>,
+    pub(crate) grid: Grid,
+    /// When its changes were taken last.
+    taken: Mark,
+    summary: RunningSummary,
+    pub(crate) recorders: Recorders,
 }
 
 impl GridMapper {
@@ -50,217 +45,143 @@ impl GridMapper {
         mapper.validate()?;
         let channels = channels(mapper, &robot)?;
         let mut grid = Grid::new(mapper.resolution_m);
-        let mut doubt = mapper.doubt.then(|| Doubt::new(mapper.resolution_m, mapper.log_odds_prior));
         Ok(Self {
-            config: mapper.clone(),
             settings: saving::settings(mapper, noise, seed, &robot),
             chain: Chain::new(mapper, &channels),
             channels,
             fuser: Fuser::new(mapper, noise, seed),
             driven: Driven::new(mapper, &robot),
-            journal: mapper.remap.then(|| Journal::new(mapper.remap_readings_max as usize, &mut grid, doubt.as_mut())),
+            recorders: Recorders::new(mapper, &mut grid),
             grid,
-            doubt,
-            kept: mapper.keep_readings.then(|| KeptReadings::new(mapper.keep_readings_max as usize)),
-            dirty: DirtyTiles::default(),
-            sonar_maps: mapper.sonar_maps.then(|| SonarMaps::new(mapper.resolution_m)),
+            taken: Mark::default(),
+            summary: RunningSummary::default(),
         })
     }
 
-    /// The map so far.
-    #[must_use]
-    pub fn grid(&self) -> &Grid {
-        &self.grid
+    /// Algorithm 1 of the paper, for a whole scan, the ring `sequence`: each reading, and where the robot was when it was
+    /// taken (the stamp of the scan plus the reading's own offset), if that is known. All filters judge the scan, then what they
+    /// left is fused. The verdicts are in the order of the readings.
+    pub fn integrate_scan(&mut self, sequence: u64, scan: &[(Reading, Option<Estimate>)]) -> Vec<Verdict> {
+        // Judge: which are echoes that can be believed?
+        let refusals = self.chain.judge(&self.channels, scan);
+        let readings = scan.iter().zip(refusals);
+        let fuse = |((reading, estimate), refusal): (&(Reading, Option<Estimate>), Option<Verdict>)| {
+            self.integrate_judged(sequence, reading, estimate.as_ref(), refusal)
+        };
+        readings.map(fuse).collect()
     }
 
-    /// How much odometry error the evidence of each cell carried, metres: the mean of √(σ_z² − σ_z0²) of its readings, weighted by
-    /// how far each moved the cell's log-odds. It changes in the tiles that the map changes in (their revision is the map's). None
-    /// unless `doubt` is set.
-    #[must_use]
-    pub fn doubt(&self) -> Option<&Grid> {
-        self.doubt.as_ref().map(Doubt::means)
-    }
-
-    /// The readings as they were fused last, with those that were refused though they told a range. None unless `keep_readings` is
-    /// set.
-    #[must_use]
-    pub fn kept_readings(&self) -> Option<&KeptReadings> {
-        self.kept.as_ref()
-    }
-
-    /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
-    /// ring that changed it last.
-    pub fn take_dirty(&mut self) -> Vec<TileIndex> {
-        self.dirty.take()
-    }
-
-    /// The map of a sonar, by its number: none unless `sonar_maps` is set, and while it heard nothing within its range.
-    #[must_use]
-    pub fn sonar_grid(&self, sonar: u16) -> Option<&Grid> {
-        self.sonar_maps.as_ref()?.get(sonar)
-    }
-
-    /// The tiles of sonars' maps that changed since the last call, by sonar, row by row.
-    pub fn take_dirty_of_sonars(&mut self) -> Vec<(u16, TileIndex)> {
-        self.sonar_maps.as_mut().map(SonarMaps::take_dirty).unwrap_or_default()
-    }
-
-    /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
-    #[must_use]
-    pub fn sonar_of(&self, transducer: u16) -> Option<u16> {
-        self.channel(transducer)?.sonar
-    }
-
-    /// Algorithm 1 of the paper, for one reading of ring `sequence`, which is judged by the filters that need no other.
-    /// `estimate` is where the robot was when the reading was taken (the stamp of its scan plus the reading's own offset),
-    /// if that is known.
+    /// Likewise, for one reading, which is judged by the filters that need no other.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
         let refusal = self.chain.refusal(&self.channels, reading);
-        self.take_in(sequence, reading, estimate, refusal)
+        self.integrate_judged(sequence, reading, estimate, refusal)
     }
 
-    /// Algorithm 1 of the paper, for a whole scan, the ring `sequence`: each reading, and where the robot was when it was
-    /// taken. All filters judge the scan, then what they left is fused. The verdicts are in the order of the readings.
-    pub fn integrate_scan(&mut self, sequence: u64, scan: &[(Reading, Option<Estimate>)]) -> Vec<Verdict> {
-        let refusals = self.chain.judge(&self.channels, scan);
-        let fuse = |((reading, estimate), refusal): (&(Reading, Option<Estimate>), Option<Verdict>)| {
-            self.take_in(sequence, reading, estimate.as_ref(), refusal)
-        };
-        scan.iter().zip(refusals).map(fuse).collect()
-    }
-
-    fn take_in(
+    /// One judged reading: where the robot was, then what [`GridMapper::fuse`] makes of it; recorders look on.
+    fn integrate_judged(
         &mut self,
         sequence: u64,
         reading: &Reading,
         estimate: Option<&Estimate>,
         refusal: Option<Verdict>,
     ) -> Verdict {
-        if let Some(journal) = &mut self.journal {
-            journal.make_room(&mut self.grid, self.doubt.as_mut());
-        }
-        let cleared_at = self.driven.last;
-        let fused = match refusal {
-            Some(Verdict::NoEcho) if self.clears(reading) => self.fuse(sequence, reading, estimate, None),
-            Some(refusal) => Err(refusal),
-            None => self.fuse(sequence, reading, estimate, None),
-        };
-        if let Some((journal, estimate)) = self.journal.as_mut().zip(estimate) {
-            let place = self.kept.as_ref().map_or(0, KeptReadings::next_place);
-            journal.keep(sequence, reading, estimate, fused.map(|weighed| weighed.news), place, cleared_at);
-        }
-        if self.kept.is_some() {
-            let kept = estimate.and_then(|estimate| self.as_kept(sequence, reading, estimate, fused));
-            if let Some((all, kept)) = self.kept.as_mut().zip(kept) {
-                all.push(kept);
-            }
-        }
-        if self.sonar_maps.is_some() && self.chain.in_range(&self.channels, reading) {
-            self.add_to_sonar_map(sequence, reading, estimate, fused);
+        self.recorders.begin_reading(&mut self.grid);
+        // Where was the robot when it was taken?
+        let (sounding, cleared_at) = (self.locate(sequence, reading, estimate), self.driven.last);
+        let fused = refusal.map_or(sounding, Err).and_then(|sounding| self.fuse(&sounding, None));
+        if let Ok(sounding) = &sounding {
+            self.recorders.end_reading(sounding, fused, cleared_at, &mut self.fuser);
         }
         fused.err().unwrap_or(Verdict::Accepted)
     }
 
-    /// Whether a reading without an echo says something.
-    fn clears(&self, reading: &Reading) -> bool {
-        let is_told = |channel: Channel| self.config.no_echo.clears(self.config.fusion.of(channel.transducer.kind));
-        self.channel(reading.transducer).is_some_and(|channel| channel.selected && is_told(channel))
-    }
-
-    /// What a sonar says goes into its own map whatever the filters that came after the range limits thought of it.
-    fn add_to_sonar_map(
-        &mut self,
-        sequence: u64,
-        reading: &Reading,
-        estimate: Option<&Estimate>,
-        fused: Result<Weighed, Verdict>,
-    ) {
-        let news = match fused {
-            Ok(Weighed { news, .. }) => news,
-            Err(Verdict::NotSelected | Verdict::Stuck | Verdict::Lone | Verdict::MultipleReflection) => 1.0,
-            Err(_) => return,
-        };
-        let (Some(channel), Some(estimate)) =
-            (self.channel(reading.transducer), estimate.filter(|e| e.pose.is_finite()))
-        else {
-            return;
-        };
-        let (Some(sonar), Ok(range_m), Some(maps)) = (channel.sonar, range_of(reading.echo), &mut self.sonar_maps)
-        else {
-            return;
-        };
-        let (grid, dirty) = maps.of(sonar);
-        let (transducer, sensor, news) = (reading.transducer, &channel.transducer, Some(news));
-        let sounding = Sounding { sequence, transducer, sensor, range_m: Some(range_m), estimate, news };
-        // What is not trusted, or outside of what a map can hold, is so in the other too.
-        let _ = self.fuser.add(grid, dirty, &sounding);
-    }
-
-    /// One reading that no filter refused. `news`: how much of it is new, if that was told before, which is what it tells.
-    pub(crate) fn fuse(
-        &mut self,
-        sequence: u64,
-        reading: &Reading,
-        estimate: Option<&Estimate>,
-        news: Option<f64>,
-    ) -> Result<Weighed, Verdict> {
-        // Is it an echo at all?
-        let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
-        let clears = self.config.no_echo.clears(self.config.fusion.of(channel.transducer.kind));
-        let range_m = match range_of(reading.echo) {
-            Err(Verdict::NoEcho) if clears => None,
-            heard => Some(heard?),
-        };
-        // Where was the robot then?
-        let estimate = estimate.filter(|e| e.pose.is_finite()).ok_or(Verdict::NoPose)?;
-        // How far to trust it, and what it says of every cell of its cone
-        let (transducer, sensor) = (reading.transducer, &channel.transducer);
-        let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news };
-        let Self { grid, driven, .. } = self;
-        let mut touched = DirtyTiles::default();
-        let into = if self.doubt.is_some() { &mut touched } else { &mut self.dirty };
-        let mut weighed = self.fuser.add(grid, into, &sounding)?;
-        // Where the robot is, nothing is
-        weighed.cleared_m = driven.radius_m(estimate);
-        driven.clear(grid, into, [estimate.pose.x, estimate.pose.y], weighed.cleared_m, sequence);
-        let Some(doubt) = &mut self.doubt else { return Ok(weighed) };
-        for index in touched.take() {
-            if let Some(tile) = self.grid.tile(index) {
-                doubt.gather(index, tile, weighed.doubt_m);
-            }
-            self.dirty.insert(index);
-        }
+    /// The inner of Algorithm 1, for one reading. `news`: how much of it is new, if that was told when it was fused before.
+    ///
+    /// # Errors
+    /// The verdict on a reading that is not to be trusted or leaves the map; nothing is changed then.
+    pub(crate) fn fuse(&mut self, sounding: &Sounding<'_>, news: Option<f64>) -> Result<Weighed, Verdict> {
+        // How far is it to be trusted? (Eqs 22, 23)
+        let mut weighed = self.fuser.weigh(sounding, news)?;
+        // What does it say of each cell of its cone? (Eq 21)
+        let model = self.fuser.inverse_sensor_model(sounding, weighed.deviations, weighed.news);
+        // Add that. (Eq 20, as log-odds: line 3 of Algorithm 1)
+        self.recorders.begin_change(&mut self.grid);
+        self.fuser.add(&mut self.grid, sounding, &model)?;
+        // Where the robot is, nothing is.
+        weighed.cleared_m = self.driven.clear(&mut self.grid, sounding.estimate, sounding.sequence);
+        self.recorders.end_change(&mut self.grid, &weighed);
         Ok(weighed)
     }
 
-    /// A reading as it was fused, or as it would have been if it was refused for what it tells.
-    pub(crate) fn as_kept(
+    /// A reading with its transducer, its range and where the robot was.
+    ///
+    /// # Errors
+    /// The verdict on one that lacks them.
+    pub(crate) fn locate<'a>(
         &self,
         sequence: u64,
-        reading: &Reading,
-        estimate: &Estimate,
-        fused: Result<Weighed, Verdict>,
-    ) -> Option<KeptReading> {
-        let (pose, reading) = (estimate.pose, *reading);
-        match fused {
-            Ok(Weighed { deviations, news, cleared_m, .. }) => {
-                let verdict = Verdict::Accepted;
-                Some(KeptReading { sequence, reading, pose, deviations, news, verdict, cleared_m })
-            }
-            Err(Verdict::Accepted | Verdict::Invalid | Verdict::NoEcho | Verdict::NoPose | Verdict::Held) => None,
-            Err(verdict) => {
-                let channel = self.channel(reading.transducer).filter(|_| pose.is_finite())?;
-                let (transducer, sensor) = (reading.transducer, &channel.transducer);
-                let range_m = range_of(reading.echo).ok();
-                let sounding = Sounding { sequence, transducer, sensor, range_m, estimate, news: None };
-                let deviations = self.fuser.deviations(&sounding);
-                Some(KeptReading { sequence, reading, pose, deviations, news: 0.0, verdict, cleared_m: 0.0 })
-            }
-        }
+        reading: &'a Reading,
+        estimate: Option<&'a Estimate>,
+    ) -> Result<Sounding<'a>, Verdict> {
+        let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
+        let range_m = match range_of(reading.echo) {
+            Err(Verdict::NoEcho) => None,
+            heard => Some(heard?),
+        };
+        let estimate = estimate.filter(|estimate| estimate.pose.is_finite()).ok_or(Verdict::NoPose)?;
+        Ok(Sounding { sequence, reading, channel, range_m, estimate })
     }
 
     fn channel(&self, transducer: u16) -> Option<Channel> {
         self.channels.get(usize::from(transducer)).copied().flatten()
+    }
+}
+
+/// What came of it.
+impl GridMapper {
+    /// The map so far. With [`MapperConfig::doubt`] each tile has the plane [`crate::grid::Plane::Doubt`]: how much odometry error
+    /// the evidence of each cell carried, metres, the mean of √(σ_z² − σ_z0²) of its readings, weighted by how far each moved the
+    /// cell's log-odds.
+    #[must_use]
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The map so far in numbers: only tiles that changed since the last call are looked at again.
+    pub fn summary(&mut self) -> GridSummary {
+        self.summary.of(&mut self.grid)
+    }
+
+    /// The tiles that changed since the last call, row by row. The revision of a tile is the sequence number of the
+    /// ring that changed it last.
+    pub fn take_changed(&mut self) -> Vec<TileIndex> {
+        let changed = self.grid.changed_since(self.taken);
+        self.taken = self.grid.mark();
+        changed
+    }
+
+    /// The readings as they were fused last, with those that were refused though they told a range. None unless `keep_readings` is
+    /// set.
+    #[must_use]
+    pub fn kept_readings(&self) -> Option<&KeptReadings> {
+        self.recorders.kept.as_ref()
+    }
+
+    /// The map of a sonar, by its number: none unless `sonar_maps` is set, and while it heard nothing within its range.
+    #[must_use]
+    pub fn sonar_grid(&self, sonar: u16) -> Option<&Grid> {
+        self.recorders.sonar_maps.as_ref()?.get(sonar)
+    }
+
+    /// The tiles of sonars' maps that changed since the last call, by sonar, row by row.
+    pub fn take_changed_of_sonars(&mut self) -> Vec<(u16, TileIndex)> {
+        self.recorders.sonar_maps.as_mut().map(SonarMaps::take_changed).unwrap_or_default()
+    }
+
+    /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
+    #[must_use]
+    pub fn sonar_of(&self, transducer: u16) -> Option<u16> {
+        self.channel(transducer)?.sonar
     }
 }
 
@@ -333,7 +254,7 @@ mod tests {
         let mut mapper = mapper(change).unwrap();
         assert_eq!(mapper.integrate(1, &reading, estimate.as_ref()), expected, "{reading:?}");
         assert_eq!(mapper.grid().tile_count() > 0, expected == Verdict::Accepted, "{reading:?}");
-        assert_eq!(!mapper.take_dirty().is_empty(), expected == Verdict::Accepted, "{reading:?}");
+        assert_eq!(!mapper.take_changed().is_empty(), expected == Verdict::Accepted, "{reading:?}");
     }
 
     #[test]
@@ -430,18 +351,18 @@ mod tests {
     }
 
     #[test]
-    fn dirty_tiles_and_revisions_follow_the_rings() {
+    fn changed_tiles_and_revisions_follow_the_rings() {
         let mut mapper = mapper(|_| {}).unwrap();
         mapper.integrate(3, &hit(0, 2.0), Some(&here()));
-        let first = mapper.take_dirty();
+        let first = mapper.take_changed();
         assert!(!first.is_empty() && first.is_sorted());
         mapper.integrate(4, &hit(5, 2.0), Some(&here()));
-        let second = mapper.take_dirty();
+        let second = mapper.take_changed();
         for (index, tile) in mapper.grid().tiles() {
             assert_eq!(tile.revision, if second.contains(&index) { 4 } else { 3 });
             assert!(first.contains(&index) || second.contains(&index));
         }
-        assert!(mapper.take_dirty().is_empty());
+        assert!(mapper.take_changed().is_empty());
     }
 
     #[test]

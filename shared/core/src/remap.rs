@@ -10,15 +10,15 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use crate::doubt::Doubt;
+use crate::fusion::{Sounding, Weighed};
 use crate::grid::Grid;
+use crate::kept::KeptReading;
 use crate::mapping::GridMapper;
 use crate::odometry::Estimate;
 use crate::parts::{Parts, Saved, SavedError};
-use crate::reading::Reading;
 use crate::smoothing::smooth;
 use crate::verdict::Verdict;
-use layer::{Before, Kept, Layer};
+use layer::{Kept, Layer};
 
 /// A quarter of what is kept goes at once: all of it would leave a fix nothing to mend.
 const LAYERS: usize = 4;
@@ -59,15 +59,15 @@ pub(crate) struct JournalState {
 
 impl Journal {
     /// Of at most so many readings in `grid`.
-    pub(crate) fn new(readings_max: usize, grid: &mut Grid, doubt: Option<&mut Doubt>) -> Self {
-        Before::begin(grid, doubt);
+    pub(crate) fn new(readings_max: usize, grid: &mut Grid) -> Self {
+        grid.begin_undo();
         Self { readings_max, layers: VecDeque::from([Layer::default()]), left: 0, first: 0, gone: Vec::new() }
     }
 
     /// All layers; it begins again with an empty one.
-    fn take_layers(&mut self, grid: &mut Grid, doubt: Option<&mut Doubt>) -> VecDeque<Layer> {
+    fn take_layers(&mut self, grid: &mut Grid) -> VecDeque<Layer> {
         if let Some(last) = self.layers.back_mut() {
-            last.before = Before::take(grid, doubt);
+            last.before = grid.end_undo();
         }
         let layers = std::mem::replace(&mut self.layers, VecDeque::from([Layer::default()]));
         layers.iter().for_each(|layer| self.forget_first(layer));
@@ -84,12 +84,12 @@ impl Journal {
     }
 
     /// Before one more reading is fused.
-    pub(crate) fn make_room(&mut self, grid: &mut Grid, mut doubt: Option<&mut Doubt>) {
+    pub(crate) fn make_room(&mut self, grid: &mut Grid) {
         let full = |layer: &Layer| layer.readings.len() >= (self.readings_max / LAYERS).max(1);
         if let Some(last) = self.layers.back_mut().filter(|layer| full(layer)) {
-            last.before = Before::take(grid, doubt.as_deref_mut());
+            last.before = grid.end_undo();
             self.layers.push_back(Layer::default());
-            Before::begin(grid, doubt);
+            grid.begin_undo();
         }
         let kept = |layers: &VecDeque<Layer>| layers.iter().map(|layer| layer.readings.len()).sum::<usize>();
         while self.layers.len() > 1 && kept(&self.layers) >= self.readings_max {
@@ -99,38 +99,33 @@ impl Journal {
         }
     }
 
-    /// After it was: what may be told better by the next fix.
-    pub(crate) fn keep(
+    /// After it was: what may be told better by the next fix. `place`: its place among the kept readings.
+    pub(crate) fn record(
         &mut self,
-        sequence: u64,
-        reading: &Reading,
-        estimate: &Estimate,
-        fused: Result<f64, Verdict>,
+        sounding: &Sounding<'_>,
+        fused: Result<Weighed, Verdict>,
         place: u64,
         cleared_at: Option<[f64; 2]>,
     ) {
         let Some(layer) = self.layers.back_mut() else { return };
         if matches!(fused, Ok(_) | Err(Verdict::Untrusted)) {
+            let Sounding { sequence, reading, estimate, .. } = *sounding;
             if layer.estimates.last() != Some(estimate) {
                 layer.estimates.push(*estimate);
             }
-            let at = layer.estimates.len() - 1;
+            let (at, fused) = (layer.estimates.len() - 1, fused.map(|weighed| weighed.news));
             layer.readings.push(Kept { sequence, reading: *reading, fused, at, place, cleared_at });
         }
     }
 
     /// Saves what came since the last time.
-    pub(crate) fn save(&mut self, parts: &mut Parts, grid: &mut Grid, mut doubt: Option<&mut Doubt>) -> JournalState {
+    pub(crate) fn save(&mut self, parts: &mut Parts, grid: &Grid) -> JournalState {
         for (layer, count) in std::mem::take(&mut self.gone) {
             (0..count).for_each(|part| parts.remove(layer::name(layer, part)));
         }
         let last = self.layers.len() - 1;
         for ((number, layer), at) in (self.first..).zip(&mut self.layers).zip(0..) {
-            if at == last {
-                layer.save_open(parts, number, grid, doubt.as_deref_mut());
-            } else {
-                layer.save_closed(parts, number);
-            }
+            layer.save(parts, number, (at == last).then_some(grid));
         }
         let counts = self.layers.iter().map(Layer::parts).collect();
         JournalState { first: self.first, left: self.left, parts: counts }
@@ -145,12 +140,11 @@ impl Journal {
         saved: &Saved,
         state: JournalState,
         grid: &mut Grid,
-        doubt: Option<&mut Doubt>,
     ) -> Result<Self, SavedError> {
         let layers = (state.first..).zip(state.parts).map(|(number, parts)| Layer::restore(saved, number, parts));
         let mut layers = layers.collect::<Result<VecDeque<_>, _>>()?;
         let last = layers.back_mut().ok_or_else(|| SavedError::new("remap", "no layers"))?;
-        std::mem::take(&mut last.before).give(grid, doubt);
+        grid.resume_undo(std::mem::take(&mut last.before));
         Ok(Self { readings_max, layers, left: state.left, first: state.first, gone: Vec::new() })
     }
 }
@@ -173,9 +167,9 @@ impl GridMapper {
     ///
     /// Without [`crate::MapperConfig::remap`] nothing happens.
     pub fn rectify(&mut self, revision: u64, before: &Estimate, after: &Estimate) -> Remapped {
-        let Some(mut journal) = self.journal.take() else { return Remapped::default() };
+        let Some(mut journal) = self.recorders.journal.take() else { return Remapped::default() };
         let mut remapped = Remapped { left: journal.left, ..Remapped::default() };
-        let mut layers = journal.take_layers(&mut self.grid, self.doubt.as_mut());
+        let mut layers = journal.take_layers(&mut self.grid);
         let kept: usize = layers.iter().map(|layer| layer.readings.len()).sum();
         if in_hindsight(&mut layers, before, after).is_some() {
             remapped.readings = kept as u64;
@@ -183,47 +177,42 @@ impl GridMapper {
         } else {
             remapped.left += kept as u64;
         }
-        Before::begin(&mut self.grid, self.doubt.as_mut());
-        self.journal = Some(journal);
+        self.grid.begin_undo();
+        self.recorders.journal = Some(journal);
         remapped
     }
 
-    fn fuse_again(&mut self, revision: u64, layers: VecDeque<Layer>, verdicts: &mut Vec<(u16, Verdict, Verdict)>) {
-        let unpublished = self.dirty.take();
-        let (mut before, mut readings) = (Before::default(), Vec::new());
-        for layer in layers {
-            before = before.or(layer.before);
-            readings.push((layer.estimates, layer.readings));
+    fn fuse_again(&mut self, revision: u64, mut layers: VecDeque<Layer>, verdicts: &mut Vec<(u16, Verdict, Verdict)>) {
+        let begun = self.grid.mark();
+        // Of a tile that several layers changed the eldest knows how it was before them.
+        for (index, tile) in layers.iter_mut().rev().flat_map(|layer| std::mem::take(&mut layer.before)) {
+            self.grid.take_back(index, tile);
         }
-        for (index, tile) in before.map.into_tiles() {
-            *self.grid.tile_mut(index) = tile.unwrap_or_default();
-            self.dirty.insert(index);
-        }
-        if let Some(doubt) = &mut self.doubt {
-            doubt.take_back(before.doubt, &self.grid);
-        }
-        let first = readings.iter().flat_map(|(_, readings)| readings).next();
+        let first = layers.iter().flat_map(|layer| &layer.readings).next();
         self.driven.last = first.map_or(self.driven.last, |kept| kept.cleared_at);
-        for (estimates, readings) in readings {
+        for Layer { estimates, readings, .. } in layers {
             for Kept { sequence, reading, fused, at, place, .. } in readings {
-                let now = self.fuse(sequence, &reading, estimates.get(at), fused.ok());
-                let kept = self.kept.is_some().then(|| self.as_kept(sequence, &reading, estimates.get(at)?, now));
-                if let Some((all, kept)) = self.kept.as_mut().zip(kept.flatten()) {
-                    all.replace(place, kept);
+                let sounding = self.locate(sequence, &reading, estimates.get(at));
+                let now = sounding.and_then(|sounding| self.fuse(&sounding, fused.ok()));
+                if let (Some(kept), Ok(sounding)) = (&mut self.recorders.kept, sounding)
+                    && let Some(reading) = KeptReading::of(&sounding, now, &self.fuser)
+                {
+                    kept.replace(place, reading);
                 }
-                let now = now.map(|weighed| weighed.news);
-                let verdict = |fused: Result<f64, Verdict>| fused.err().unwrap_or(Verdict::Accepted);
-                if verdict(now) != verdict(fused) {
-                    verdicts.push((reading.transducer, verdict(fused), verdict(now)));
+                let (before, now) = (verdict_of(fused), verdict_of(now));
+                if before != now {
+                    verdicts.push((reading.transducer, before, now));
                 }
             }
         }
-        let changed = self.dirty.take();
-        for index in &changed {
-            self.grid.tile_mut(*index).revision = revision;
+        for index in self.grid.changed_since(begun) {
+            self.grid.tile_mut(index).revision = revision;
         }
-        unpublished.into_iter().chain(changed).for_each(|index| self.dirty.insert(index));
     }
+}
+
+fn verdict_of<T>(fused: Result<T, Verdict>) -> Verdict {
+    fused.err().unwrap_or(Verdict::Accepted)
 }
 
 #[cfg(test)]
@@ -233,11 +222,11 @@ mod tests {
     use super::*;
     use crate::config::{Fusion, MapperConfig, Noise, OdometryConfig};
     use crate::gate::Gate;
-    use crate::grid::{Tile, TileIndex};
+    use crate::grid::{Plane, Tile, TileIndex};
     use crate::localization::Fix;
     use crate::odometry::Odometry;
     use crate::pose::Pose2;
-    use crate::reading::Echo;
+    use crate::reading::{Echo, Reading};
     use crate::robot::{Robot, Sensor, SensorKind};
     use crate::verdict::VerdictCounts;
 
@@ -326,10 +315,10 @@ mod tests {
         let smoothed = smooth(&way, &way[80], &after).unwrap();
         let means = |mapper: &GridMapper| -> Vec<(TileIndex, usize, u32)> {
             let cells = |(index, tile): (TileIndex, &Tile)| {
-                let known = tile.log_odds.iter().enumerate().filter(|(_, value)| !value.is_nan());
+                let known = tile.plane(Plane::Doubt).unwrap().iter().enumerate().filter(|(_, value)| !value.is_nan());
                 known.map(|(cell, value)| (index, cell, value.to_bits())).collect::<Vec<_>>()
             };
-            mapper.doubt().unwrap().tiles().flat_map(cells).collect()
+            mapper.grid().tiles().flat_map(cells).collect()
         };
         for fusion in [Fusion::Paper, Fusion::Covariance, Fusion::FirstEcho, Fusion::Oriented] {
             // Several layers, too.
@@ -351,7 +340,8 @@ mod tests {
             without.rectify(6, &elsewhere[4], &anew);
             give(&mut without, 6, &way);
             without.rectify(1000, &way[80], &after);
-            assert!(cells(&without) == cells(&remapped) && without.doubt().is_none());
+            assert!(cells(&without) == cells(&remapped));
+            assert!(without.grid().tiles().all(|(_, tile)| tile.planes().count() == 0));
         }
     }
 
@@ -364,8 +354,8 @@ mod tests {
             let way: Vec<Estimate> =
                 (0..30).map(|n| Estimate { pose: Pose2::new(0.1 * f64::from(n), 0.5, 3.0), ..estimate }).collect();
             give(&mut mapper, 1, &way);
-            let doubt = mapper.doubt().unwrap();
-            let cells = doubt.tiles().flat_map(|(_, tile)| tile.log_odds.iter()).filter(|value| !value.is_nan());
+            let doubt = mapper.grid().tiles().flat_map(|(_, tile)| tile.plane(Plane::Doubt).unwrap());
+            let cells = doubt.filter(|value| !value.is_nan());
             let (count, wrong) =
                 cells.fold((0, 0), |(n, wrong), value| (n + 1, wrong + u32::from((value - 0.1).abs() > 1e-6)));
             assert!(count > 500 && wrong == 0, "{fusion:?}: {wrong} of {count}");
@@ -422,7 +412,7 @@ mod tests {
         let mut mapper = mapper(&config(true));
         let mut copy: BTreeMap<TileIndex, Tile> = BTreeMap::new();
         let follow = |mapper: &mut GridMapper, copy: &mut BTreeMap<TileIndex, Tile>| {
-            for index in mapper.take_dirty() {
+            for index in mapper.take_changed() {
                 let tile = mapper.grid().tile(index).unwrap().clone();
                 let before = copy.insert(index, tile.clone());
                 assert!(before.is_none_or(|before| before.revision < tile.revision), "revisions move forward");

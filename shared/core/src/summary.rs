@@ -1,8 +1,8 @@
 //! A grid in a few numbers.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
-use crate::grid::{CellIndex, Grid, Tile, TileIndex, union};
+use crate::grid::{CellIndex, Grid, Mark, Tile, TileIndex, union};
 use crate::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, entropy_bits, log_odds_of};
 
 /// How much a grid knows.
@@ -61,24 +61,21 @@ impl GridSummary {
 
 /// The summary of a grid that changes: only tiles that did are looked at again.
 #[derive(Debug, Clone, Default)]
-pub struct RunningSummary {
+pub(crate) struct RunningSummary {
     tiles: BTreeMap<TileIndex, GridSummary>,
-    stale: BTreeSet<TileIndex>,
+    /// When the grid was looked at last.
+    looked: Mark,
 }
 
 impl RunningSummary {
-    /// Takes note of tiles that changed.
-    pub fn changed(&mut self, tiles: &[TileIndex]) {
-        self.stale.extend(tiles);
-    }
-
-    /// The summary of `grid`, if every tile that changed was noted: that of [`GridSummary::of`].
-    pub fn of(&mut self, grid: &Grid) -> GridSummary {
-        while let Some(index) = self.stale.pop_first() {
+    /// The summary of `grid`, always the same one: that of [`GridSummary::of`].
+    pub(crate) fn of(&mut self, grid: &mut Grid) -> GridSummary {
+        for index in grid.changed_since(self.looked) {
             if let Some(tile) = grid.tile(index) {
                 self.tiles.insert(index, GridSummary::of_tile(index, tile));
             }
         }
+        self.looked = grid.mark();
         self.tiles.values().copied().fold(GridSummary::default(), GridSummary::and)
     }
 }
@@ -117,9 +114,8 @@ mod tests {
         for (i, j, value) in [(0, 0, 1.0f32), (100, -3, -2.0), (0, 1, 0.1), (100, -3, 0.3), (-500, 900, 4.0)] {
             let cell = CellIndex { i, j };
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = value;
-            running.changed(&[cell.tile()]);
-            assert_eq!(running.of(&grid), GridSummary::of(&grid));
+            assert_eq!(running.of(&mut grid), GridSummary::of(&grid));
         }
-        assert_eq!(running.of(&grid), GridSummary::of(&grid), "asking changes nothing");
+        assert_eq!(running.of(&mut grid), GridSummary::of(&grid), "asking changes nothing");
     }
 }

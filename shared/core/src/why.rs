@@ -7,7 +7,7 @@ use crate::config::{ConfigError, MapperConfig, Noise};
 use crate::driven::Driven;
 use crate::filter::{channels, range_of};
 use crate::fusion::{Fuser, Sounding};
-use crate::grid::{CellIndex, DirtyTiles, Grid};
+use crate::grid::{CellIndex, Grid};
 use crate::kept::KeptReading;
 use crate::odometry::Estimate;
 use crate::pose::Pose2;
@@ -66,18 +66,12 @@ pub fn why<'a>(
     for kept in readings {
         let Some(channel) = channels.get(usize::from(kept.reading.transducer)).copied().flatten() else { continue };
         let estimate = Estimate::certain(kept.pose);
-        let sounding = Sounding {
-            sequence: kept.sequence,
-            transducer: kept.reading.transducer,
-            sensor: &channel.transducer,
-            range_m: range_of(kept.reading.echo).ok(),
-            estimate: &estimate,
-            news: Some(kept.news),
-        };
+        let (sequence, reading, range_m) = (kept.sequence, &kept.reading, range_of(kept.reading.echo).ok());
+        let sounding = Sounding { sequence, reading, channel, range_m, estimate: &estimate };
         let before = grid.log_odds(cell);
-        let mut dirty = DirtyTiles::default();
         let is_told = if kept.verdict == Verdict::Accepted {
-            let _ = fuser.apply(&mut grid, &mut dirty, &sounding, kept.deviations, kept.news);
+            let model = fuser.inverse_sensor_model(&sounding, kept.deviations, kept.news);
+            let _ = fuser.add(&mut grid, &sounding, &model);
             grid.log_odds(cell).map(f32::to_bits) != before.map(f32::to_bits)
         } else {
             is_spoken_of(&mut fuser, &sounding, kept, cell, config.resolution_m)
@@ -87,7 +81,7 @@ pub fn why<'a>(
             said.push(Said { kept: *kept, sonar: channel.sonar, before, after, added: of(after) - of(before) });
         }
         let before = grid.log_odds(cell);
-        driven.clear(&mut grid, &mut dirty, [kept.pose.x, kept.pose.y], kept.cleared_m, kept.sequence);
+        driven.clear_disc(&mut grid, [kept.pose.x, kept.pose.y], kept.cleared_m, kept.sequence);
         if grid.log_odds(cell) != before {
             driven_over += 1;
             driven_added += of(grid.log_odds(cell)) - of(before);
@@ -105,16 +99,17 @@ fn is_spoken_of(
     resolution_m: f64,
 ) -> bool {
     // What lies farther off is in no cone.
-    let reach_m = sounding.range_m.unwrap_or(sounding.sensor.range_max_m) + 3.0 * kept.deviations.sigma_z_m;
+    let transducer = &sounding.channel.transducer;
+    let reach_m = sounding.range_m.unwrap_or(transducer.range_max_m) + 3.0 * kept.deviations.sigma_z_m;
     let mut empty = Grid::new(resolution_m);
     let [x, y] = empty.centre(cell);
-    let arm_m = sounding.sensor.base_from_transducer.distance_m(Pose2::IDENTITY);
+    let arm_m = transducer.base_from_transducer.distance_m(Pose2::IDENTITY);
     let off_m = kept.pose.distance_m(Pose2::new(x, y, 0.0));
     // Of deviations that nobody knows nothing is said.
-    let is_near = off_m <= reach_m.min(sounding.sensor.range_max_m) + arm_m + resolution_m;
+    let is_near = off_m <= reach_m.min(transducer.range_max_m) + arm_m + resolution_m;
     if !is_near {
         return false;
     }
-    let applied = fuser.apply(&mut empty, &mut DirtyTiles::default(), sounding, kept.deviations, 1.0);
-    applied.is_ok() && empty.log_odds(cell).is_some_and(|log_odds| log_odds != 0.0)
+    let model = fuser.inverse_sensor_model(sounding, kept.deviations, 1.0);
+    fuser.add(&mut empty, sounding, &model).is_ok() && empty.log_odds(cell).is_some_and(|log_odds| log_odds != 0.0)
 }

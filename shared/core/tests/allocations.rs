@@ -5,7 +5,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use echogrid_core::grid::{DirtyTiles, Grid};
+use echogrid_core::grid::Grid;
 use echogrid_core::kernel::{EchoCone, FirstEchoKernel, Kernel};
 use echogrid_core::sensor_model::{Cone, Deviations};
 use echogrid_core::{Pose2, first_echo::FirstEcho};
@@ -46,7 +46,7 @@ fn drive(mut add: impl FnMut(Pose2, f64, f64, bool)) {
 
 #[test]
 fn no_reading_asks_for_memory_in_steady_state() {
-    let (mut grid, mut dirty) = (Grid::new(0.05), DirtyTiles::default());
+    let mut grid = Grid::new(0.05);
     let (mut kernel, mut first_echo) = (Kernel::new(0.0, 8.0), FirstEchoKernel::new(0.0, 8.0));
     let mut round = || {
         let before = ASKED.get();
@@ -55,12 +55,12 @@ fn no_reading_asks_for_memory_in_steady_state() {
             let deviations = Deviations { sigma_z_m: 0.05, sigma_theta_rad, trust: 0.5 };
             let (p_occupied, p_free, range_cap_m) = (0.85, 0.3, 5.0);
             let cone = Cone { range_m, aperture_rad, range_cap_m, deviations, p_occupied, p_free, leaves_gaps };
-            assert!(kernel.add(&mut grid, &mut dirty, pose, &cone, 1).is_ok());
+            assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
             let range_m = (range_m < 4.5).then_some(range_m);
             let (sigma_z_m, detection, clutter, lost) = (0.05, 0.2, 0.4, 0.9);
             let reading = FirstEcho { range_m, sigma_z_m, sigma_theta_rad, detection, clutter, range_cap_m, lost };
             let cone = EchoCone { reading, aperture_rad, prior_log_odds: -4.6, weight: 1.0, leaves_gaps };
-            assert!(first_echo.add(&mut grid, &mut dirty, pose, &cone, 1).is_ok());
+            assert!(first_echo.add(&mut grid, pose, &cone, 1).is_ok());
         });
         ASKED.get() - before
     };

@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 
 use echogrid_core::first_echo::{FirstEcho, SeenCell};
-use echogrid_core::grid::{CellIndex, DirtyTiles, Grid};
+use echogrid_core::grid::{CellIndex, Grid};
 use echogrid_core::kernel::{BOUND, CELL_LIMIT, EchoCone, FirstEchoKernel};
 use echogrid_core::log_odds::probability_of;
 use echogrid_core::noise::standard_normal_pair;
@@ -96,10 +96,11 @@ proptest! {
     fn agrees_with_the_reference((resolution_m, pose, cone, seed) in case()) {
         let before = some_grid(resolution_m, pose, seed);
         let Some(gains) = expected(&before, pose, &cone) else { return Ok(()) };
-        let (mut grid, mut dirty) = (before.clone(), DirtyTiles::default());
+        let mut grid = before.clone();
+        let begun = grid.mark();
         let mut kernel = FirstEchoKernel::new(0.0, LOG_ODDS_MAX);
-        prop_assert!(kernel.add(&mut grid, &mut dirty, pose, &cone, 7).is_ok());
-        let dirty = dirty.take();
+        prop_assert!(kernel.add(&mut grid, pose, &cone, 7).is_ok());
+        let changed = grid.changed_since(begun);
         for (index, tile) in grid.tiles() {
             let first = index.first_cell();
             for (offset, now) in tile.log_odds.iter().enumerate() {
@@ -113,7 +114,7 @@ proptest! {
                 let rounding = 2.0 * f64::from(f32::EPSILON) * wanted.abs();
                 prop_assert!((f64::from(*now) - wanted).abs() <= BOUND + rounding, "{cell:?}: {now} not {wanted}");
                 prop_assert!(now.abs() <= LOG_ODDS_MAX as f32);
-                prop_assert!(dirty.contains(&index) && tile.revision == 7);
+                prop_assert!(changed.contains(&index) && tile.revision == 7);
             }
         }
         for cell in gains.keys() {
@@ -145,7 +146,7 @@ proptest! {
         let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds, weight, leaves_gaps: false };
         let mut grid = Grid::new(0.1);
         let mut kernel = FirstEchoKernel::new(0.0, 8.0);
-        if kernel.add(&mut grid, &mut DirtyTiles::default(), Pose2::new(0.1, 0.2, 0.3), &cone, 1).is_ok() {
+        if kernel.add(&mut grid, Pose2::new(0.1, 0.2, 0.3), &cone, 1).is_ok() {
             for (_, tile) in grid.tiles() {
                 prop_assert!(tile.log_odds.iter().all(|cell| cell.is_nan() || cell.abs() <= 8.0));
             }
@@ -170,7 +171,7 @@ fn the_ends_of_the_map_refuse() {
     let cone = EchoCone { reading, aperture_rad: 0.5, prior_log_odds: -4.6, weight: 1.0, leaves_gaps: false };
     let add = |pose: Pose2| {
         let mut grid = Grid::new(0.05);
-        FirstEchoKernel::new(0.0, 8.0).add(&mut grid, &mut DirtyTiles::default(), pose, &cone, 1).is_ok()
+        FirstEchoKernel::new(0.0, 8.0).add(&mut grid, pose, &cone, 1).is_ok()
     };
     for (x, y) in [(edge, 0.0), (0.0, -edge), (1e300, 0.0), (f64::NAN, 0.0), (0.0, f64::INFINITY)] {
         assert!(!add(Pose2 { x, y, theta: 0.0 }), "({x}, {y})");

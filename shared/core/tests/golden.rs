@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use echogrid_core::config::Systematic;
 use echogrid_core::first_echo::{FirstEcho, SeenCell};
-use echogrid_core::grid::{CellIndex, DirtyTiles, Grid};
+use echogrid_core::grid::{CellIndex, Grid};
 use echogrid_core::kernel::{BOUND, Kernel};
 use echogrid_core::log_odds::{log_odds_of, probability_of};
 use echogrid_core::noise::NoiseTerms;
@@ -225,7 +225,7 @@ fn kernel_on_golden_cells() {
             let [x, y] = grid.centre(cell);
             let (s, c) = libm::sincos(axis + phi);
             let map_from_transducer = Pose2::new(x - d * c, y - d * s, axis);
-            let added = Kernel::new(0.0, 8.0).add(&mut grid, &mut DirtyTiles::default(), map_from_transducer, &cone, 1);
+            let added = Kernel::new(0.0, 8.0).add(&mut grid, map_from_transducer, &cone, 1);
             assert!(added.is_ok());
             if row.get("region") == 3.0 {
                 assert_eq!(grid.log_odds(cell), None, "row {}", row.line);

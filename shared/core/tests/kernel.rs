@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use echogrid_core::grid::{CellIndex, DirtyTiles, Grid, TileIndex};
+use echogrid_core::grid::{CellIndex, Grid, Mark, TileIndex};
 use echogrid_core::kernel::{BOUND, CELL_LIMIT, Kernel};
 use echogrid_core::log_odds::log_odds_of;
 use echogrid_core::noise::NoiseTerms;
@@ -136,12 +136,11 @@ proptest! {
     fn agrees_with_the_reference(case in case()) {
         let mut grid = Grid::new(case.resolution_m);
         let mut kernel = Kernel::new(case.prior, LOG_ODDS_MAX);
-        let mut dirty = DirtyTiles::default();
         for (sequence, (pose, cone)) in case.readings.iter().enumerate() {
             let before = grid.clone();
             let Expected { gains, on_a_border } = expected(&grid, *pose, cone, case.prior);
-            kernel.add(&mut grid, &mut dirty, *pose, cone, sequence as u64 + 1).expect("on the map");
-            let dirty = dirty.take();
+            kernel.add(&mut grid, *pose, cone, sequence as u64 + 1).expect("on the map");
+            let changed = grid.changed_since(Mark::default());
             for cell in known_cells(&grid) {
                 if on_a_border.contains(&cell) {
                     continue;
@@ -156,7 +155,7 @@ proptest! {
                 let rounding = 2.0 * f64::from(f32::EPSILON) * (wanted.abs() + case.prior.abs());
                 prop_assert!((f64::from(now) - wanted).abs() <= BOUND + rounding, "{cell:?}: {now} not {wanted}");
                 prop_assert!(now.abs() <= LOG_ODDS_MAX as f32);
-                prop_assert!(dirty.contains(&cell.tile()));
+                prop_assert!(changed.contains(&cell.tile()));
                 prop_assert_eq!(grid.tile(cell.tile()).expect("there").revision, sequence as u64 + 1);
             }
             for cell in gains.keys() {
@@ -164,7 +163,7 @@ proptest! {
             }
             // No tile was made, or called changed, for nothing.
             let border_tiles: Vec<TileIndex> = on_a_border.iter().map(|cell| cell.tile()).collect();
-            for tile in &dirty {
+            for tile in &changed {
                 prop_assert!(gains.keys().any(|cell| cell.tile() == *tile) || border_tiles.contains(tile));
             }
         }
@@ -179,7 +178,7 @@ proptest! {
         let moved = Pose2 { x: pose.x + f64::from(di) * 0.0625, y: pose.y + f64::from(dj) * 0.0625, ..pose };
         let map = |pose| {
             let mut grid = Grid::new(0.0625);
-            Kernel::new(0.0, LOG_ODDS_MAX).add(&mut grid, &mut DirtyTiles::default(), pose, &cone, 1).expect("on the map");
+            Kernel::new(0.0, LOG_ODDS_MAX).add(&mut grid, pose, &cone, 1).expect("on the map");
             grid
         };
         let (here, there) = (map(pose), map(moved));
@@ -198,7 +197,7 @@ proptest! {
         let map = |readings: &mut dyn Iterator<Item = &(Pose2, Cone)>| {
             let (mut grid, mut kernel) = (Grid::new(0.1), Kernel::new(0.0, 50.0));
             for (pose, cone) in readings {
-                kernel.add(&mut grid, &mut DirtyTiles::default(), *pose, cone, 1).expect("on the map");
+                kernel.add(&mut grid, *pose, cone, 1).expect("on the map");
             }
             grid
         };
@@ -232,7 +231,7 @@ proptest! {
             leaves_gaps: false,
         };
         let mut grid = Grid::new(0.1);
-        if Kernel::new(0.0, 8.0).add(&mut grid, &mut DirtyTiles::default(), pose, &cone, 1).is_ok() {
+        if Kernel::new(0.0, 8.0).add(&mut grid, pose, &cone, 1).is_ok() {
             for cell in known_cells(&grid) {
                 prop_assert!(grid.log_odds(cell).expect("known").abs() <= 8.0);
             }
@@ -257,7 +256,7 @@ fn sonar(range_m: f64) -> Cone {
 }
 
 fn add(grid: &mut Grid, pose: Pose2, cone: &Cone) -> bool {
-    Kernel::new(0.0, 8.0).add(grid, &mut DirtyTiles::default(), pose, cone, 1).is_ok()
+    Kernel::new(0.0, 8.0).add(grid, pose, cone, 1).is_ok()
 }
 
 #[test]

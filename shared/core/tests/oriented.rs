@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use echogrid_core::grid::{CellIndex, DirtyTiles, Grid};
+use echogrid_core::grid::{CellIndex, Grid};
 use echogrid_core::kernel::{CELL_LIMIT, ORIENTED_BOUND, OrientedCone, OrientedKernel};
 use echogrid_core::noise::standard_normal_pair;
 use echogrid_core::oriented::{DIRECTIONS, FacedCell, Oriented, Response, STATES};
@@ -39,7 +39,7 @@ fn some_grid(resolution_m: f64, around: Pose2, seed: u64) -> Grid {
             ..cone_of(reading(resolution_m, 1.0), 30.0, 0.9, 1.0, resolution_m)
         };
         let (x, y) = (around.x + 10.0 * b * resolution_m, around.y + 10.0 * c * resolution_m);
-        kernel.add(&mut grid, &mut DirtyTiles::default(), Pose2::new(x, y, d), &cone, 1).expect("on the map");
+        kernel.add(&mut grid, Pose2::new(x, y, d), &cone, 1).expect("on the map");
     }
     let centre = grid.cell_at(around.x, around.y).tile();
     for (offset, cell) in grid.tile_mut(TileIndex { ..centre }).log_odds.iter_mut().enumerate() {
@@ -161,9 +161,10 @@ proptest! {
     fn agrees_with_the_reference((resolution_m, pose, cone, seed) in case()) {
         let before = some_grid(resolution_m, pose, seed);
         let Some(gains) = expected(&before, pose, &cone) else { return Ok(()) };
-        let (mut grid, mut dirty) = (before.clone(), DirtyTiles::default());
-        prop_assert!(kernel().add(&mut grid, &mut dirty, pose, &cone, 7).is_ok());
-        let dirty = dirty.take();
+        let mut grid = before.clone();
+        let begun = grid.mark();
+        prop_assert!(kernel().add(&mut grid, pose, &cone, 7).is_ok());
+        let changed = grid.changed_since(begun);
         for (index, tile) in grid.tiles() {
             let first = index.first_cell();
             for (offset, now) in tile.log_odds.iter().enumerate() {
@@ -181,7 +182,7 @@ proptest! {
                     let off = (libm::log(states[s]) - wanted).abs();
                     prop_assert!(off <= ORIENTED_BOUND + STEP, "{cell:?} {s}: {} not {wanted}", libm::log(states[s]));
                 }
-                prop_assert!(dirty.contains(&index) && tile.revision == 7);
+                prop_assert!(changed.contains(&index) && tile.revision == 7);
             }
         }
         for cell in gains.keys() {
@@ -205,7 +206,7 @@ proptest! {
             Oriented { range_m: has_echo.then_some(range_m), sigma_z_m, clutter, range_cap_m: 3.0, lost: clutter };
         let cone = OrientedCone { detection, clear_m, weight, prior_log_odds, ..cone_of(reading, 28.0, 0.5, 1.0, 0.1) };
         let mut grid = Grid::new(0.1);
-        if kernel().add(&mut grid, &mut DirtyTiles::default(), Pose2::new(0.1, 0.2, 0.3), &cone, 1).is_ok() {
+        if kernel().add(&mut grid, Pose2::new(0.1, 0.2, 0.3), &cone, 1).is_ok() {
             for (_, tile) in grid.tiles() {
                 prop_assert!(tile.log_odds.iter().all(|cell| cell.is_nan() || cell.abs() <= 8.0));
                 let shares = tile.shares.as_ref().expect("states");

@@ -9,7 +9,7 @@ use echogrid_core::localization::{Ask, Asking};
 use echogrid_core::noise::Draws;
 use echogrid_core::{
     Echo, Estimate, Fix, Gate, Grid, GridMapper, Increment, LocalizationConfig, MapperConfig, Odometry, OdometryConfig,
-    Parts, Pose2, Reading, RestoreError, Robot, Saved, Sensor, SensorKind, TileIndex, move_by,
+    Parts, Plane, Pose2, Reading, RestoreError, Robot, Saved, Sensor, SensorKind, Tile, TileIndex, move_by,
 };
 use proptest::prelude::*;
 
@@ -115,7 +115,7 @@ fn take(mapper: &mut GridMapper, event: &Event) -> String {
         }
         Event::Scan(sequence, scan) => format!("{:?}", mapper.integrate_scan(*sequence, scan)),
         Event::Fix(revision, before, after) => format!("{:?}", mapper.rectify(*revision, before, after)),
-        Event::Publish => format!("{:?} {:?}", mapper.take_dirty(), mapper.take_dirty_of_sonars()),
+        Event::Publish => format!("{:?} {:?}", mapper.take_changed(), mapper.take_changed_of_sonars()),
     }
 }
 
@@ -131,9 +131,12 @@ fn all(mapper: &mut GridMapper) -> (Vec<Option<Tiles>>, String) {
     let sonars = (0..SONARS).map(|sonar| mapper.sonar_grid(sonar).map(bits));
     let mut grids: Vec<Option<Tiles>> = sonars.collect();
     grids.push(Some(bits(mapper.grid())));
-    grids.push(mapper.doubt().map(bits));
+    let doubt = |tile: &Tile| tile.plane(Plane::Doubt).map(|doubt| doubt.iter().map(|v| v.to_bits()).collect());
+    let doubts: Option<Tiles> =
+        mapper.grid().tiles().map(|(index, tile)| Some((index, (tile.revision, doubt(tile)?)))).collect();
+    grids.push(doubts);
     let kept = mapper.kept_readings().map(|kept| (kept.given_up(), kept.iter().copied().collect::<Vec<_>>()));
-    (grids, format!("{kept:?} {:?} {:?}", mapper.take_dirty(), mapper.take_dirty_of_sonars()))
+    (grids, format!("{kept:?} {:?} {:?}", mapper.take_changed(), mapper.take_changed_of_sonars()))
 }
 
 fn save(mapper: &mut GridMapper, saved: &mut Saved) -> usize {

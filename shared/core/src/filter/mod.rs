@@ -25,12 +25,12 @@ mod tests;
 
 pub(crate) use channel::{Channel, channels};
 use claim::Claim;
-pub(crate) use range::range_of;
+pub(crate) use range::{range_of, refusal as range_refusal};
 use ring::{Past, Ring};
 use serde::{Deserialize, Serialize};
 use stuck::Health;
 
-use crate::config::{Filter, MapperConfig};
+use crate::config::{Filter, Fusion, MapperConfig, NoEcho};
 use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::robot::SensorKind;
@@ -47,6 +47,8 @@ pub(crate) struct Memory {
 #[derive(Debug, Clone)]
 pub(crate) struct Chain {
     filters: Vec<Filter>,
+    no_echo: NoEcho,
+    fusion: Fusion,
     bubble_tolerance_m: f64,
     stuck_after_m: f64,
     ring: Ring,
@@ -62,6 +64,8 @@ impl Chain {
         }
         Self {
             filters,
+            no_echo: config.no_echo,
+            fusion: config.fusion,
             bubble_tolerance_m: config.bubble_tolerance_m,
             stuck_after_m: config.stuck_after_m,
             ring: Ring::new(
@@ -87,16 +91,9 @@ impl Chain {
     pub(crate) fn refusal(&self, channels: &[Option<Channel>], reading: &Reading) -> Option<Verdict> {
         let (channel, range_m) = match heard(channels, reading) {
             Ok(heard) => heard,
-            Err(verdict) => return Some(verdict),
+            Err(verdict) => return self.unless_it_clears(channels, reading, verdict),
         };
         self.filters.iter().find_map(|filter| alone(*filter, channel, range_m))
-    }
-
-    /// Whether a reading is an echo within the range limits, or there are none.
-    pub(crate) fn in_range(&self, channels: &[Option<Channel>], reading: &Reading) -> bool {
-        heard(channels, reading).is_ok_and(|(channel, range_m)| {
-            !self.filters.contains(&Filter::Range) || range::refusal(channel, range_m).is_none()
-        })
     }
 
     /// Why each reading of a scan is refused, if it is.
@@ -144,7 +141,18 @@ impl Chain {
                 *verdict = verdict.or(standing.refusal);
             }
         }
+        for (verdict, (reading, _)) in verdicts.iter_mut().zip(scan) {
+            *verdict = verdict.and_then(|verdict| self.unless_it_clears(channels, reading, verdict));
+        }
         verdicts
+    }
+
+    /// The verdict on a reading that told no range; none where that says something by itself.
+    fn unless_it_clears(&self, channels: &[Option<Channel>], reading: &Reading, verdict: Verdict) -> Option<Verdict> {
+        let clears =
+            |channel: Channel| channel.selected && self.no_echo.clears(self.fusion.of(channel.transducer.kind));
+        let channel = channels.get(usize::from(reading.transducer)).copied().flatten();
+        (verdict != Verdict::NoEcho || !channel.is_some_and(clears)).then_some(verdict)
     }
 }
 

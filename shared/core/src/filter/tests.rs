@@ -294,7 +294,7 @@ proptest! {
                 known += told.len();
             }
         }
-        prop_assert_eq!(known > 0, !mapper.take_dirty_of_sonars().is_empty());
+        prop_assert_eq!(known > 0, !mapper.take_changed_of_sonars().is_empty());
     }
 }
 
@@ -308,6 +308,6 @@ fn a_sonar_that_is_refused_has_a_map_all_the_same() {
     assert_eq!(mapper.grid().tile_count(), 0);
     let maps: Vec<u16> = (0..16).filter(|sonar| mapper.sonar_grid(*sonar).is_some()).collect();
     assert_eq!(maps, [7]);
-    assert!(mapper.take_dirty_of_sonars().iter().all(|(sonar, _)| *sonar == 7));
-    assert!(mapper.take_dirty_of_sonars().is_empty());
+    assert!(mapper.take_changed_of_sonars().iter().all(|(sonar, _)| *sonar == 7));
+    assert!(mapper.take_changed_of_sonars().is_empty());
 }

@@ -17,7 +17,7 @@ use super::paper::{Limits, WideLimits, cells_of};
 use super::wide::{Width, Work};
 use super::{AngleFactor, Apex, OffMap, Place, WIDEST_HALF_APERTURE_RAD, cells_around};
 use crate::first_echo::{BEHIND, FirstEcho, SeenCell};
-use crate::grid::{DirtyTiles, Grid, Tile};
+use crate::grid::{Grid, Tile};
 use crate::log_odds::probability_of;
 use crate::pose::Pose2;
 
@@ -159,14 +159,13 @@ impl FirstEchoKernel {
     }
 
     /// Lets every cell of the cone of a transducer at `map_from_transducer` gain what the reading says of it. The tiles that
-    /// changed get `revision` and are noted in `dirty`.
+    /// changed get `revision`.
     ///
     /// # Errors
     /// When the cone or the pose is not finite or no reading at all, or the cone leaves the grid; nothing is changed then.
     pub fn add(
         &mut self,
         grid: &mut Grid,
-        dirty: &mut DirtyTiles,
         map_from_transducer: Pose2,
         cone: &EchoCone,
         revision: u64,
@@ -176,7 +175,7 @@ impl FirstEchoKernel {
         }
         let resolution_m = grid.resolution_m();
         let apex = Apex::of(map_from_transducer, cone.far_m(), cone.aperture_rad, resolution_m)?;
-        let mut place = Place { grid, dirty, revision };
+        let mut place = Place { grid, revision };
         if 0.5 * cone.aperture_rad > WIDEST_HALF_APERTURE_RAD {
             self.add_by_reference(&mut place, map_from_transducer, cone, apex);
             return Ok(());
@@ -439,7 +438,7 @@ mod tests {
     #[test]
     fn all_processors_give_the_same_bytes() {
         let maps = Width::all().into_iter().map(|width| {
-            let (mut grid, mut dirty) = (Grid::new(0.05), DirtyTiles::default());
+            let mut grid = Grid::new(0.05);
             let mut kernel = FirstEchoKernel { width, ..FirstEchoKernel::new(0.0, 8.0) };
             for k in 0..500u32 {
                 let aperture_rad = if k % 3 == 0 { 0.003 } else { 0.02 + 0.002 * f64::from(k) };
@@ -455,7 +454,7 @@ mod tests {
                 let leaves_gaps = k % 3 == 0;
                 let cone = EchoCone { reading, aperture_rad, prior_log_odds: -4.6, weight: 0.9, leaves_gaps };
                 let pose = Pose2::new(0.013 * f64::from(k), -0.007 * f64::from(k), 0.1 * f64::from(k));
-                assert!(kernel.add(&mut grid, &mut dirty, pose, &cone, 1).is_ok());
+                assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
             }
             grid
         });

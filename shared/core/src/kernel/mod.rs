@@ -32,7 +32,7 @@ mod x86;
 mod x86_doubles;
 
 use crate::angle::wrap_angle;
-use crate::grid::{CellIndex, DirtyTiles, Grid, Tile, TileIndex};
+use crate::grid::{CellIndex, Grid, Tile, TileIndex};
 use crate::log_odds::log_odds_of;
 use crate::pose::Pose2;
 use crate::sensor_model::Cone;
@@ -92,14 +92,13 @@ impl Kernel {
     }
 
     /// Adds ln(p / (1 − p)) − l0 to every cell of the cone of a transducer at `map_from_transducer`. The tiles that
-    /// changed get `revision` and are noted in `dirty`.
+    /// changed get `revision`.
     ///
     /// # Errors
     /// When the cone or the pose is not finite, or the cone leaves the grid; nothing is changed then.
     pub fn add(
         &mut self,
         grid: &mut Grid,
-        dirty: &mut DirtyTiles,
         map_from_transducer: Pose2,
         cone: &Cone,
         revision: u64,
@@ -109,7 +108,7 @@ impl Kernel {
         }
         let resolution_m = grid.resolution_m();
         let apex = Apex::of(map_from_transducer, cone.far_m(), cone.aperture_rad, resolution_m)?;
-        let mut place = Place { grid, dirty, revision };
+        let mut place = Place { grid, revision };
         if 0.5 * cone.aperture_rad > WIDEST_HALF_APERTURE_RAD {
             self.add_by_reference(&mut place, map_from_transducer, cone, apex);
             return Ok(());
@@ -148,14 +147,12 @@ impl Kernel {
 /// What is written to.
 struct Place<'a> {
     grid: &'a mut Grid,
-    dirty: &'a mut DirtyTiles,
     revision: u64,
 }
 
 impl Place<'_> {
     /// A tile that changes.
     fn tile(&mut self, index: TileIndex) -> &mut Tile {
-        self.dirty.insert(index);
         let tile = self.grid.tile_mut(index);
         tile.revision = self.revision;
         tile
@@ -280,7 +277,7 @@ mod tests {
     #[test]
     fn all_processors_give_the_same_bytes() {
         let maps = Width::all().into_iter().map(|width| {
-            let (mut grid, mut dirty) = (Grid::new(0.05), DirtyTiles::default());
+            let mut grid = Grid::new(0.05);
             let mut kernel = Kernel { width, ..Kernel::new(0.0, 8.0) };
             for k in 0..500u32 {
                 let errors = OdometryErrors { e_lin_m: 0.001 * f64::from(k % 100), ..OdometryErrors::default() };
@@ -296,7 +293,7 @@ mod tests {
                     leaves_gaps: k % 3 == 0,
                 };
                 let pose = Pose2::new(0.013 * f64::from(k), -0.007 * f64::from(k), 0.1 * f64::from(k));
-                assert!(kernel.add(&mut grid, &mut dirty, pose, &cone, 1).is_ok());
+                assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
             }
             grid
         });

@@ -18,7 +18,7 @@ use super::oriented_answers::{Answers, WideAnswers};
 use super::wide::{Width, Work};
 use super::{Apex, OffMap, Place, cells_around};
 use crate::first_echo::BEHIND;
-use crate::grid::{CellIndex, DirtyTiles, Grid, Tile};
+use crate::grid::{CellIndex, Grid, Tile};
 use crate::oriented::{DIRECTIONS, FacedCell, Oriented, STATES};
 use crate::pose::Pose2;
 use crate::shares::{LEAST, MOST, Shares};
@@ -168,14 +168,13 @@ impl OrientedKernel {
     }
 
     /// Lets every cell of the cone of a transducer at `map_from_transducer` gain what the reading says of it. The tiles that
-    /// changed get `revision` and are noted in `dirty`.
+    /// changed get `revision`.
     ///
     /// # Errors
     /// When the cone or the pose is not finite or no reading at all, or the cone leaves the grid; nothing is changed then.
     pub fn add(
         &mut self,
         grid: &mut Grid,
-        dirty: &mut DirtyTiles,
         map_from_transducer: Pose2,
         cone: &OrientedCone,
         revision: u64,
@@ -185,7 +184,7 @@ impl OrientedKernel {
         }
         let resolution_m = grid.resolution_m();
         let apex = Apex::of(map_from_transducer, cone.far_m(), cone.aperture_rad, resolution_m)?;
-        let mut place = Place { grid, dirty, revision };
+        let mut place = Place { grid, revision };
         if !Answers::are_smooth(cone.aperture_rad) {
             self.add_by_reference(&mut place, map_from_transducer, cone, apex);
             return Ok(());
@@ -560,7 +559,7 @@ mod tests {
     #[test]
     fn all_processors_give_the_same_bytes() {
         let maps = Width::all().into_iter().map(|width| {
-            let (mut grid, mut dirty) = (Grid::new(0.05), DirtyTiles::default());
+            let mut grid = Grid::new(0.05);
             let mut kernel = OrientedKernel { width, ..OrientedKernel::new(0.0, 8.0, 0.3, 0.44) };
             for k in 0..500u32 {
                 let aperture_rad = if k % 3 == 0 { 0.003 } else { 0.02 + 0.0013 * f64::from(k) };
@@ -582,7 +581,7 @@ mod tests {
                     draw: 977 * k,
                 };
                 let pose = Pose2::new(0.013 * f64::from(k), -0.007 * f64::from(k), 0.1 * f64::from(k));
-                assert!(kernel.add(&mut grid, &mut dirty, pose, &cone, 1).is_ok());
+                assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
             }
             grid
         });

@@ -2,9 +2,9 @@
 //!
 //! | part | what |
 //! |---|---|
-//! | `mapper` | what is small: filters, dirty tiles, how many of each part there are |
+//! | `mapper` | what is small: filters, tiles that changed, how many of each part there are |
 //! | `novelty` | by transducer |
-//! | `map/x/y`, `doubt/weights/x/y`, `doubt/means/x/y`, `sonar/n/x/y` | a tile |
+//! | `map/x/y`, `sonar/n/x/y` | a tile with its planes |
 //! | `kept/n` | kept readings, the n-th 1024 |
 //! | `remap/layer/n` | what a fix may change: what came to a layer between two saves |
 //!
@@ -13,18 +13,18 @@
 use serde::{Deserialize, Serialize};
 
 use super::GridMapper;
+use super::recorders::Recorders;
 use crate::config::{ConfigError, MapperConfig, Noise};
-use crate::doubt::{Doubt, DoubtTiles};
 use crate::filter::Memory;
-use crate::grid::{DirtyTiles, Grid};
+use crate::grid::{Grid, TileIndex};
 use crate::kept::{KeptReadings, KeptState};
 use crate::parts::{Parts, Saved, SavedError};
 use crate::remap::{Journal, JournalState};
 use crate::robot::Robot;
-use crate::sonar_maps::{SonarMaps, SonarState};
+use crate::sonar_maps::SonarState;
 
 /// Changes when the layout of any part does.
-const LAYOUT: u32 = 2;
+const LAYOUT: u32 = 3;
 
 const STATE: &str = "mapper";
 const NOVELTY: &str = "novelty";
@@ -35,8 +35,8 @@ struct State {
     settings: u32,
     filters: Memory,
     tiles: u64,
-    dirty: DirtyTiles,
-    doubt: Option<DoubtTiles>,
+    /// Tiles that changed since that was asked last.
+    changed: Vec<TileIndex>,
     journal: Option<JournalState>,
     sonars: Option<Vec<SonarState>>,
     kept: Option<KeptState>,
@@ -64,16 +64,15 @@ impl GridMapper {
     /// Puts what changed since this was called last into `parts`; at first all there is.
     pub fn save(&mut self, parts: &mut Parts) {
         self.grid.save(parts, MAP);
-        let mut doubt = self.doubt.as_mut();
+        let Recorders { journal, kept, sonar_maps, doubt: _ } = &mut self.recorders;
         let state = State {
             settings: self.settings,
             filters: self.chain.memory(),
             tiles: self.grid.tile_count() as u64,
-            dirty: self.dirty.clone(),
-            journal: self.journal.as_mut().map(|journal| journal.save(parts, &mut self.grid, doubt.as_deref_mut())),
-            doubt: doubt.map(|doubt| doubt.save(parts)),
-            sonars: self.sonar_maps.as_mut().map(|maps| maps.save(parts)),
-            kept: self.kept.as_mut().map(|kept| kept.save(parts)),
+            changed: self.grid.changed_since(self.taken),
+            journal: journal.as_mut().map(|journal| journal.save(parts, &self.grid)),
+            sonars: sonar_maps.as_mut().map(|maps| maps.save(parts)),
+            kept: kept.as_mut().map(|kept| kept.save(parts)),
             cleared_at: self.driven.last,
         };
         parts.put_value(NOVELTY, &self.fuser.novelty);
@@ -92,30 +91,28 @@ impl GridMapper {
         saved: &Saved,
     ) -> Result<Self, RestoreError> {
         let mut mapper = Self::new(config, noise, seed, robot)?;
-        let State { settings, filters, tiles, dirty, doubt, journal, sonars, kept, cleared_at } = saved.value(STATE)?;
-        let asked =
-            (mapper.doubt.is_some(), mapper.journal.is_some(), mapper.sonar_maps.is_some(), mapper.kept.is_some());
-        if settings != mapper.settings
-            || asked != (doubt.is_some(), journal.is_some(), sonars.is_some(), kept.is_some())
-        {
+        let State { settings, filters, tiles, changed, journal, sonars, kept, cleared_at } = saved.value(STATE)?;
+        let Recorders { journal: own_journal, kept: own_kept, sonar_maps, doubt: _ } = &mut mapper.recorders;
+        let asked = (own_journal.is_some(), sonar_maps.is_some(), own_kept.is_some());
+        if settings != mapper.settings || asked != (journal.is_some(), sonars.is_some(), kept.is_some()) {
             let problem = "saved with other settings, for another robot, or by another version";
             return Err(SavedError::new(STATE, problem).into());
         }
         mapper.chain.remember(filters);
-        mapper.fuser.novelty = saved.value(NOVELTY)?;
-        mapper.dirty = dirty;
         mapper.driven.last = cleared_at;
+        mapper.fuser.novelty = saved.value(NOVELTY)?;
         mapper.grid = Grid::restore(config.resolution_m, saved, MAP, tiles)?;
-        mapper.doubt =
-            doubt.map(|tiles| Doubt::restore(config.log_odds_prior, saved, tiles, &mapper.grid)).transpose()?;
         if let Some(journal) = journal {
             let readings_max = config.remap_readings_max as usize;
-            let journal = Journal::restore(readings_max, saved, journal, &mut mapper.grid, mapper.doubt.as_mut())?;
-            mapper.journal = Some(journal);
+            *own_journal = Some(Journal::restore(readings_max, saved, journal, &mut mapper.grid)?);
         }
-        mapper.sonar_maps = sonars.map(|states| SonarMaps::restore(config.resolution_m, saved, states)).transpose()?;
-        mapper.kept =
-            kept.map(|state| KeptReadings::restore(config.keep_readings_max as usize, saved, state)).transpose()?;
+        if let Some((maps, sonars)) = sonar_maps.as_mut().zip(sonars) {
+            maps.restore(saved, sonars)?;
+        }
+        if let Some(kept) = kept {
+            *own_kept = Some(KeptReadings::restore(config.keep_readings_max as usize, saved, kept)?);
+        }
+        mapper.taken = mapper.grid.mark_changed(&changed);
         Ok(mapper)
     }
 }

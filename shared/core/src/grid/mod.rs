@@ -3,12 +3,21 @@
 //! The grid grows in every direction by adding tiles; no cell is ever copied. Unknown is a state
 //! of its own: a cell that no reading touched is NaN, never 0 (which is evidence that cancelled).
 
-use std::collections::{BTreeMap, btree_map};
+mod changes;
+mod plane;
+mod tile;
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+
+pub use changes::Mark;
+pub(crate) use changes::TilesBefore;
+use changes::{Changes, Undo};
+pub use plane::Plane;
 use serde::{Deserialize, Serialize};
+pub use tile::Tile;
 
 use crate::parts::{Parts, Saved, SavedError};
-use crate::shares::Shares;
 
 /// Cells along the side of a tile.
 pub const TILE_SIDE: usize = 64;
@@ -72,144 +81,31 @@ impl CellIndex {
     }
 }
 
-/// 64 × 64 cells.
-#[derive(Debug, Clone)]
-pub struct Tile {
-    /// Changes whenever a cell changes: the number of the scan that changed it last.
-    pub revision: u64,
-    /// Log-odds, row by row, row 0 at the lowest y; NaN is unknown.
-    pub log_odds: Box<[f32; TILE_CELLS]>,
-    /// What its cells would be if they are occupied; none: nothing but the log-odds is known.
-    pub shares: Option<Shares>,
-}
-
-impl Tile {
-    /// Bounds of the known cells of this tile, which is the one at `index`.
-    pub(crate) fn bounds(&self, index: TileIndex) -> Bounds {
-        let first = index.first_cell();
-        let known = |cells: &[f32]| cells.iter().any(|value| !value.is_nan());
-        let rows = || self.log_odds.chunks_exact(TILE_SIDE);
-        let low_row = rows().position(known)?;
-        let high_row = rows().rposition(known)?;
-        let columns = |row: &[f32]| {
-            let low = row.iter().position(|value| !value.is_nan())?;
-            Some((low, row.iter().rposition(|value| !value.is_nan())?))
-        };
-        let (low_column, high_column) = rows().filter_map(columns).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))?;
-        let cell = |column: usize, row: usize| CellIndex {
-            i: first.i.saturating_add(column as i32),
-            j: first.j.saturating_add(row as i32),
-        };
-        Some((cell(low_column, low_row), cell(high_column, high_row)))
-    }
-}
-
-/// Of a saved tile: its revision, its cells as they are, and whether their states follow.
-const CELLS_BYTES: usize = TILE_CELLS * size_of::<f32>();
-const TILE_BYTES: usize = size_of::<u64>() + CELLS_BYTES + 1;
-
-impl Tile {
-    /// `bytes` with this tile after them, every bit of it.
-    pub(crate) fn append_to(&self, mut bytes: Vec<u8>) -> Vec<u8> {
-        bytes.reserve(TILE_BYTES);
-        bytes.extend_from_slice(&self.revision.to_le_bytes());
-        bytes.extend(self.log_odds.iter().flat_map(|value| value.to_le_bytes()));
-        bytes.push(u8::from(self.shares.is_some()));
-        if let Some(shares) = &self.shares {
-            shares.append_to(&mut bytes);
-        }
-        bytes
-    }
-
-    /// The tile that `bytes`, of this part, begin with, and what comes after it.
-    pub(crate) fn take_from<'a>(part: &str, bytes: &'a [u8]) -> Result<(Self, &'a [u8]), SavedError> {
-        let short = || SavedError::new(part, "shorter than a tile");
-        let (revision, rest) = bytes.split_first_chunk().ok_or_else(short)?;
-        let (cells, rest) = rest.split_at_checked(CELLS_BYTES).ok_or_else(short)?;
-        let (has_shares, mut rest) = rest.split_first().ok_or_else(short)?;
-        let mut tile = Self { revision: u64::from_le_bytes(*revision), ..Self::default() };
-        for (value, bytes) in tile.log_odds.iter_mut().zip(cells.as_chunks().0) {
-            *value = f32::from_le_bytes(*bytes);
-        }
-        if *has_shares != 0 {
-            let (shares, behind) = Shares::take_from(part, rest)?;
-            (tile.shares, rest) = (Some(shares), behind);
-        }
-        Ok((tile, rest))
-    }
-}
-
-impl Default for Tile {
-    fn default() -> Self {
-        Self { revision: 0, log_odds: Box::new([UNKNOWN; TILE_CELLS]), shares: None }
-    }
-}
-
-/// Tiles as they had been before they were first written to.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct TilesBefore {
-    /// None: there was none.
-    tiles: BTreeMap<TileIndex, Option<Tile>>,
-    /// Those that are not saved yet, once each.
-    unsaved: Vec<TileIndex>,
-}
-
-impl TilesBefore {
-    fn keep(&mut self, index: TileIndex, tile: impl FnOnce() -> Option<Tile>) {
-        if let btree_map::Entry::Vacant(vacant) = self.tiles.entry(index) {
-            vacant.insert(tile());
-            self.unsaved.push(index);
-        }
-    }
-
-    /// Of a tile that both changed the elder knows how it was before both.
-    pub(crate) fn or(mut self, younger: Self) -> Self {
-        for (index, tile) in younger.tiles {
-            self.tiles.entry(index).or_insert(tile);
-        }
-        self
-    }
-
-    /// Row by row.
-    pub(crate) fn into_tiles(self) -> impl Iterator<Item = (TileIndex, Option<Tile>)> {
-        self.tiles.into_iter()
-    }
-
-    /// Those that were not saved yet.
-    pub(crate) fn take_unsaved(&mut self) -> Vec<(TileIndex, Option<&Tile>)> {
-        let unsaved = std::mem::take(&mut self.unsaved).into_iter();
-        unsaved.map(|index| (index, self.tiles.get(&index).and_then(Option::as_ref))).collect()
-    }
-
-    /// One that was saved.
-    pub(crate) fn insert_saved(&mut self, index: TileIndex, tile: Option<Tile>) {
-        self.tiles.insert(index, tile);
-    }
-}
-
 /// An unbounded grid of log-odds.
 #[derive(Debug, Clone)]
 pub struct Grid {
     resolution_m: f64,
     tiles: BTreeMap<TileIndex, Slot>,
-    /// Tiles that were written to since the grid was saved, once each.
-    unsaved: Vec<TileIndex>,
-    /// What a fix may take the grid back to; none: it may not.
-    pub(crate) before: Option<TilesBefore>,
+    changes: Changes,
+    /// When it was saved last.
+    saved: Mark,
+    /// None: nothing is to be undone.
+    undo: Option<Undo>,
 }
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Slot {
     tile: Tile,
-    /// It is among those to be saved.
-    is_listed: bool,
+    /// When it was written to last.
+    written: Mark,
 }
 
 impl Grid {
     /// An empty grid: every cell unknown. `resolution_m` is the side of a cell.
     #[must_use]
     pub fn new(resolution_m: f64) -> Self {
-        Self { resolution_m, tiles: BTreeMap::new(), unsaved: Vec::new(), before: None }
+        let (tiles, changes) = (BTreeMap::new(), Changes::default());
+        Self { resolution_m, tiles, changes, saved: Mark::default(), undo: None }
     }
 
     /// Side of a cell, metres.
@@ -250,35 +146,87 @@ impl Grid {
 
     /// One tile to write to; created unknown if absent.
     pub fn tile_mut(&mut self, index: TileIndex) -> &mut Tile {
-        if let Some(before) = &mut self.before {
-            before.keep(index, || self.tiles.get(&index).map(|slot| slot.tile.clone()));
+        let now = self.changes.now();
+        match self.tiles.entry(index) {
+            Entry::Occupied(entry) => {
+                let slot = entry.into_mut();
+                if slot.written != now {
+                    if let Some(undo) = &mut self.undo {
+                        undo.keep(index, Some((&slot.tile, slot.written)));
+                    }
+                    self.changes.note(index, Some(slot.written));
+                    slot.written = now;
+                }
+                &mut slot.tile
+            }
+            Entry::Vacant(entry) => {
+                if let Some(undo) = &mut self.undo {
+                    undo.keep(index, None);
+                }
+                self.changes.note(index, None);
+                &mut entry.insert(Slot { tile: Tile::default(), written: now }).tile
+            }
         }
-        let slot = self.tiles.entry(index).or_default();
-        if !slot.is_listed {
-            slot.is_listed = true;
-            self.unsaved.push(index);
+    }
+
+    /// Marks this moment: [`Grid::changed_since`] tells the tiles that are written to after it.
+    pub fn mark(&mut self) -> Mark {
+        self.changes.mark()
+    }
+
+    /// The tiles that were written to since `mark`, row by row; all, since the first mark.
+    #[must_use]
+    pub fn changed_since(&self, mark: Mark) -> Vec<TileIndex> {
+        self.changes.since(mark)
+    }
+
+    /// Marks this moment as one that these tiles were written to after.
+    pub(crate) fn mark_changed(&mut self, tiles: &[TileIndex]) -> Mark {
+        let mark = self.mark();
+        for index in tiles {
+            self.tile_mut(*index);
         }
-        &mut slot.tile
+        mark
     }
 
     /// From now on each tile is kept as it is before it is written to for the first time; what was kept so far is forgotten.
-    pub(crate) fn keep_before(&mut self) {
-        self.before = Some(TilesBefore::default());
+    pub(crate) fn begin_undo(&mut self) {
+        self.resume_undo(TilesBefore::new());
+    }
+
+    /// Goes on keeping tiles where `before` were kept.
+    pub(crate) fn resume_undo(&mut self, before: TilesBefore) {
+        let since = self.mark_changed(&before.iter().map(|(index, _)| *index).collect::<Vec<_>>());
+        self.undo = Some(Undo { since, before });
+    }
+
+    /// What is kept so far.
+    pub(crate) fn undo(&self) -> &[(TileIndex, Option<Tile>)] {
+        self.undo.as_ref().map(|undo| undo.before.as_slice()).unwrap_or_default()
     }
 
     /// What was kept: each tile that changed, as it had been. Nothing more is kept.
-    pub(crate) fn take_before(&mut self) -> TilesBefore {
-        self.before.take().unwrap_or_default()
+    pub(crate) fn end_undo(&mut self) -> TilesBefore {
+        self.undo.take().map(|undo| undo.before).unwrap_or_default()
+    }
+
+    /// Makes a tile what it had been; none: nothing was known of it.
+    pub(crate) fn take_back(&mut self, index: TileIndex, before: Option<Tile>) {
+        let tile = self.tile_mut(index);
+        match before {
+            Some(before) => *tile = before,
+            None => tile.forget(),
+        }
     }
 
     /// Saves the tiles that were written to since the last time, under names that begin with `prefix`.
     pub(crate) fn save(&mut self, parts: &mut Parts, prefix: &str) {
-        for index in std::mem::take(&mut self.unsaved) {
-            if let Some(slot) = self.tiles.get_mut(&index) {
-                slot.is_listed = false;
-                parts.put_checked(format!("{prefix}{}/{}", index.x, index.y), slot.tile.append_to(Vec::new()));
+        for index in self.changed_since(self.saved) {
+            if let Some(tile) = self.tile(index) {
+                parts.put_checked(format!("{prefix}{}/{}", index.x, index.y), tile.append_to(Vec::new()));
             }
         }
+        self.saved = self.mark();
     }
 
     /// The grid of `tiles` tiles that was saved under such names.
@@ -297,8 +245,9 @@ impl Grid {
             if !rest.is_empty() {
                 return Err(SavedError::new(name, "longer than a tile"));
             }
-            grid.tiles.insert(index, Slot { tile, is_listed: false });
+            *grid.tile_mut(index) = tile;
         }
+        grid.saved = grid.mark();
         let found = grid.tiles.len() as u64;
         if found == tiles { Ok(grid) } else { Err(SavedError::new(prefix, format!("{found} tiles of {tiles}"))) }
     }
@@ -326,26 +275,6 @@ pub(crate) fn union(a: Bounds, b: Bounds) -> Bounds {
         CellIndex { i: a_low.i.min(b_low.i), j: a_low.j.min(b_low.j) },
         CellIndex { i: a_high.i.max(b_high.i), j: a_high.j.max(b_high.j) },
     ))
-}
-
-/// The tiles that changed since somebody last asked: a set, kept in the order of [`TileIndex`].
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub struct DirtyTiles {
-    sorted: Vec<TileIndex>,
-}
-
-impl DirtyTiles {
-    /// This tile has changed.
-    pub fn insert(&mut self, index: TileIndex) {
-        if let Err(place) = self.sorted.binary_search(&index) {
-            self.sorted.insert(place, index);
-        }
-    }
-
-    /// All tiles that changed since the last call, row by row.
-    pub fn take(&mut self) -> Vec<TileIndex> {
-        core::mem::take(&mut self.sorted)
-    }
 }
 
 #[cfg(test)]
@@ -378,14 +307,43 @@ mod tests {
     }
 
     #[test]
-    fn dirty_tiles_come_once_and_in_order() {
-        let mut dirty = DirtyTiles::default();
+    fn changes_are_told_once_and_in_order_to_each_who_asks() {
         let tile = |x, y| TileIndex { x, y };
-        for index in [tile(5, 1), tile(-2, 1), tile(9, -3), tile(5, 1)] {
-            dirty.insert(index);
+        let mut grid = Grid::new(0.05);
+        let write = |grid: &mut Grid, tiles: &[(i32, i32)]| {
+            tiles.iter().for_each(|(x, y)| grid.tile_mut(tile(*x, *y)).revision += 1);
+        };
+        write(&mut grid, &[(5, 1), (-2, 1), (9, -3), (5, 1)]);
+        let first = grid.mark();
+        assert!(grid.changed_since(first).is_empty());
+        write(&mut grid, &[(5, 1), (0, 0)]);
+        let second = grid.mark();
+        write(&mut grid, &[(5, 1)]);
+        assert_eq!(grid.changed_since(second), [tile(5, 1)]);
+        assert_eq!(grid.changed_since(first), [tile(0, 0), tile(5, 1)]);
+        assert_eq!(grid.changed_since(Mark::default()), [tile(9, -3), tile(0, 0), tile(-2, 1), tile(5, 1)]);
+        assert_eq!(grid.tile(tile(5, 1)).unwrap().revision, 4);
+    }
+
+    #[test]
+    fn what_is_taken_back_is_as_it_was() {
+        let tile = |x| TileIndex { x, y: 0 };
+        let mut grid = Grid::new(0.05);
+        grid.tile_mut(tile(0)).log_odds[0] = 1.0;
+        grid.begin_undo();
+        for value in [2.0, 3.0] {
+            grid.tile_mut(tile(0)).log_odds[0] = value;
+            grid.tile_mut(tile(1)).log_odds[0] = value;
+            grid.mark();
         }
-        assert_eq!(dirty.take(), [tile(9, -3), tile(-2, 1), tile(5, 1)]);
-        assert!(dirty.take().is_empty());
+        let before = grid.end_undo();
+        assert_eq!(
+            before.iter().map(|(index, tile)| (index.x, tile.is_some())).collect::<Vec<_>>(),
+            [(0, true), (1, false)]
+        );
+        before.into_iter().for_each(|(index, tile)| grid.take_back(index, tile));
+        assert_eq!(grid.tile(tile(0)).unwrap().log_odds[0], 1.0);
+        assert!(grid.tile(tile(1)).unwrap().log_odds[0].is_nan());
     }
 
     proptest! {
