@@ -9,6 +9,3 @@ pub mod progress;
 pub mod sonars;
 pub mod summary;
 pub mod supervisor;
-
-/// For integration tests: the crate `echogrid-harness`, under the name that it had before it was one.
-pub use echogrid_harness as testing;

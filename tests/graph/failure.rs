@@ -1,7 +1,7 @@
 //! A service that dies is started again and nothing is lost; one that may not be ends the graph, which keeps the map so far.
 
-use echogrid::testing::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use echogrid_topics::Domain;
 
 use crate::support::{Drive, ECHOGRID};

@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::time::{Duration, Instant};
 
-use echogrid::testing::files;
+use echogrid_harness::files;
 use echogrid_topics::Domain;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use echogrid::testing::GraphProcess;
 use echogrid_formats::map::native;
+use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 
 use crate::support::{Drive, ECHOGRID};

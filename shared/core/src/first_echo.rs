@@ -51,7 +51,7 @@ pub struct SeenCell {
 }
 
 impl FirstEcho {
-    /// What each cell's log-odds gain, in the order in which the cells are given. That order does not matter, but for cells at
+    /// Eq 20 over a whole cone: what each cell's log-odds gain, in the order in which the cells are given. That order does not matter, but for cells at
     /// the very same distance.
     #[must_use]
     pub fn gains(&self, cells: &[SeenCell]) -> Vec<f64> {

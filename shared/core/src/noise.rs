@@ -28,7 +28,7 @@ impl NoiseTerms {
         }
     }
 
-    /// Drawn: n_lin ~ N(0, ε_lin), n_ang ~ N(0, ε_ang).
+    /// The random part of eqs 9, 10, drawn: n_lin ~ N(0, ε_lin) in metres, n_ang ~ N(0, ε_ang) in radians.
     #[must_use]
     pub fn sampled(errors: &OdometryErrors, seed: u64, sequence: u64, transducer: u16) -> Self {
         let deviation = Self::one_sigma(errors);

@@ -92,7 +92,7 @@ impl ErrorModel {
         Self { config: config.clone() }
     }
 
-    /// The errors after travelling Λ = `travel_m` and turning Θ = `turn_rad` (both sums of absolute values, 0 or more).
+    /// Eqs 1–4: the errors E_lin, E_ang, ε_lin, ε_ang after travelling Λ = `travel_m` and turning Θ = `turn_rad` (both sums of absolute values, 0 or more).
     #[must_use]
     pub fn errors(&self, travel_m: f64, turn_rad: f64) -> OdometryErrors {
         let c = &self.config;

@@ -146,7 +146,8 @@ impl Cone {
         }
     }
 
-    /// The probability that the cell is occupied given this reading alone, in (0, 1); none in region III.
+    /// Eq 21: the probability that the cell is occupied given this reading alone, in (0, 1), at `distance_m` metres from the
+    /// transducer and `bearing_rad` radians off its axis; none in region III.
     #[must_use]
     pub fn probability(&self, distance_m: f64, bearing_rad: f64) -> Option<f64> {
         let Deviations { sigma_z_m, sigma_theta_rad, trust } = self.deviations;

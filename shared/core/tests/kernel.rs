@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use echogrid_core::grid::{CellIndex, Grid, Mark, TileIndex};
+use echogrid_core::grid::{CellIndex, Grid, TileIndex};
 use echogrid_core::kernel::{BOUND, CELL_LIMIT, Kernel};
 use echogrid_core::log_odds::log_odds_of;
 use echogrid_core::noise::NoiseTerms;
@@ -139,8 +139,9 @@ proptest! {
         for (sequence, (pose, cone)) in case.readings.iter().enumerate() {
             let before = grid.clone();
             let Expected { gains, on_a_border } = expected(&grid, *pose, cone, case.prior);
+            let begun = grid.mark();
             kernel.add(&mut grid, *pose, cone, sequence as u64 + 1).expect("on the map");
-            let changed = grid.changed_since(Mark::default());
+            let changed = grid.changed_since(begun);
             for cell in known_cells(&grid) {
                 if on_a_border.contains(&cell) {
                     continue;

@@ -64,7 +64,7 @@ pub enum CalibrationError {
 }
 
 impl Calibration {
-    /// The model of a robot that made these trials.
+    /// Eqs 5–8: the odometry error model of a robot that made these trials.
     ///
     /// # Errors
     /// Too few trials of a phase, numbers that are not finite, or no way in them.

@@ -48,17 +48,23 @@ impl Changes {
 pub(crate) type TilesBefore = Vec<(TileIndex, Option<Tile>)>;
 
 /// What a grid can be taken back to.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Undo {
-    pub(super) since: Mark,
     pub(super) before: TilesBefore,
+    /// Whose they are.
+    kept: BTreeSet<TileIndex>,
 }
 
 impl Undo {
-    /// Keeps a tile that was written to at `last`, if ever, before it is written to again.
-    pub(super) fn keep(&mut self, index: TileIndex, tile: Option<(&Tile, Mark)>) {
-        if tile.is_none_or(|(_, last)| last < self.since) {
-            self.before.push((index, tile.map(|(tile, _)| tile.clone())));
+    /// Of which so much is known already.
+    pub(super) fn new(before: TilesBefore) -> Self {
+        Self { kept: before.iter().map(|(index, _)| *index).collect(), before }
+    }
+
+    /// Keeps a tile before it is written to, unless an older one is kept already.
+    pub(super) fn keep(&mut self, index: TileIndex, tile: Option<&Tile>) {
+        if self.kept.insert(index) {
+            self.before.push((index, tile.cloned()));
         }
     }
 }

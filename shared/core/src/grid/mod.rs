@@ -152,7 +152,7 @@ impl Grid {
                 let slot = entry.into_mut();
                 if slot.written != now {
                     if let Some(undo) = &mut self.undo {
-                        undo.keep(index, Some((&slot.tile, slot.written)));
+                        undo.keep(index, Some(&slot.tile));
                     }
                     self.changes.note(index, Some(slot.written));
                     slot.written = now;
@@ -180,12 +180,17 @@ impl Grid {
         self.changes.since(mark)
     }
 
-    /// Marks this moment as one that these tiles were written to after.
+    /// Marks a moment after which these tiles count as written to.
     pub(crate) fn mark_changed(&mut self, tiles: &[TileIndex]) -> Mark {
         let mark = self.mark();
         for index in tiles {
-            self.tile_mut(*index);
+            if let Some(slot) = self.tiles.get_mut(index) {
+                self.changes.note(*index, Some(slot.written));
+                slot.written = mark;
+            }
         }
+        // They are not: what is written to them now is still to be noted.
+        self.mark();
         mark
     }
 
@@ -196,8 +201,9 @@ impl Grid {
 
     /// Goes on keeping tiles where `before` were kept.
     pub(crate) fn resume_undo(&mut self, before: TilesBefore) {
-        let since = self.mark_changed(&before.iter().map(|(index, _)| *index).collect::<Vec<_>>());
-        self.undo = Some(Undo { since, before });
+        // What is written to from now on is noted, whenever it was before.
+        self.mark();
+        self.undo = Some(Undo::new(before));
     }
 
     /// What is kept so far.
