@@ -1,21 +1,16 @@
-//! What the graph says, into the scene. The feed only looks on: it acknowledges nothing, so nobody waits for it, and where it does
-//! not keep up it misses messages, never another process.
+//! What the graph says, into the scene.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::os::fd::BorrowedFd;
-use std::os::unix::fs::MetadataExt;
-use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::collections::BTreeMap;
+use std::path::Path;
 
-use anyhow::{Context, Result};
-use echogrid_core::{Echo, Pose2, Reading, Robot, Verdict};
+use anyhow::Result;
+use echogrid_core::{Echo, Tile, Verdict};
+use echogrid_formats::map::native;
 use echogrid_service::Plan;
+use echogrid_service::onlooker::Onlooker;
+use echogrid_service::placed::{Placed, Placer};
 use echogrid_service::signals::Signals;
-use echogrid_topics::{
-    Domain, Health, Input, MapInfo, Message, Output, Participant, PoseEstimate, Received, ServiceState, Topic,
-};
-use nix::errno::Errno;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use echogrid_topics::{Domain, Health, Layer, MapInfo, Message, PoseEstimate, ServiceState, TileUpdate, Topic};
 use serde_json::{Value, json};
 
 use crate::hub::{Hub, Scene};
@@ -34,36 +29,20 @@ const TOPICS: [Topic; 8] = [
     Topic::LocalizationFix,
     Topic::Health,
 ];
-/// How often it is looked whether the graph is still there.
-const LOOK_EVERY: Duration = Duration::from_millis(100);
-/// Messages are taken in bunches: a processor that wakes for each would be missed by the mapper.
-const BUNCH: Duration = Duration::from_millis(15);
-/// The whole map is asked for again after this, where tiles are missing.
-const ASK_AGAIN_AFTER: Duration = Duration::from_secs(2);
-/// Scans whose verdicts may still come, and poses at which they may have been heard.
-const SCANS_KEPT: usize = 64;
-const POSES_KEPT: usize = 512;
 /// What this process calls itself.
 const NAME: &str = "echogrid live";
 
 /// A graph that is looked at.
 pub(crate) struct Feed {
-    ports: Vec<Input>,
-    plan_file: PathBuf,
-    /// Another one: the graph was made anew, and this memory is nobody's any more.
-    inode: u64,
+    onlooker: Onlooker,
+    scenery: Scenery,
+}
+
+/// What is kept of what was said, to make sense of what comes.
+struct Scenery {
     services: Vec<String>,
     health: BTreeMap<String, (Health, u64)>,
-    scans: VecDeque<(u64, Vec<Reading>)>,
-    poses: VecDeque<(u64, Pose2)>,
-    /// Tiles known to be missing when the whole map was asked for last.
-    tiles_lost: Option<u64>,
-    asked: Instant,
-    fixes: Vec<[f64; 3]>,
-    // What it said would go with it.
-    _greeting: Output,
-    // Last: ports go before the process leaves the domain.
-    _participant: Participant,
+    placer: Placer,
 }
 
 /// Why a feed ended.
@@ -78,30 +57,12 @@ pub(crate) enum Over {
 impl Feed {
     /// Enters a running graph.
     pub(crate) fn enter(domain: &Domain, hub: &Hub) -> Result<Self> {
-        let participant = Participant::join(domain, NAME)?;
-        let plan_file = domain.dir().join("plan.toml");
-        let inode = std::fs::metadata(&plan_file).context("looking for the graph")?.ino();
-        let plan = Plan::read(domain)?;
-        // Listening before anything is said of it.
-        let ports = TOPICS.iter().map(|topic| Input::open(&participant, *topic)).collect::<Result<Vec<_>, _>>()?;
-        let greeting = greet(&participant, &plan)?;
-        let services = plan.config.get("services").and_then(toml::Value::as_table);
+        let onlooker = Onlooker::enter(domain, NAME, &TOPICS)?;
+        let services = onlooker.plan().config.get("services").and_then(toml::Value::as_table);
         let services = services.map(|services| services.keys().cloned().collect()).unwrap_or_default();
-        hub.scene().begin(facts(&plan));
-        Ok(Self {
-            ports,
-            plan_file,
-            inode,
-            services,
-            health: BTreeMap::new(),
-            scans: VecDeque::new(),
-            poses: VecDeque::new(),
-            tiles_lost: None,
-            asked: Instant::now(),
-            fixes: Vec::new(),
-            _greeting: greeting,
-            _participant: participant,
-        })
+        hub.scene().begin(facts(onlooker.plan()));
+        let scenery = Scenery { services, health: BTreeMap::new(), placer: Placer::default() };
+        Ok(Self { onlooker, scenery })
     }
 
     /// Takes in what comes, until there is no graph any more or `is_over` says so.
@@ -112,66 +73,37 @@ impl Feed {
         signals: &Signals,
         is_over: impl Fn() -> bool,
     ) -> Result<Over> {
+        let Self { onlooker, scenery } = self;
         loop {
-            let us = is_over() || signals.next()?.is_some();
             // Once more after that: what was said last is in the ports.
-            let graph = std::fs::metadata(&self.plan_file).map(|plan| plan.ino()).ok() != Some(self.inode);
-            self.take_in(hub)?;
-            if us {
-                return Ok(Over::Us);
+            let us = is_over() || signals.next()?.is_some();
+            // A lock for each: viewers get their turn between.
+            let was_there = onlooker.take_in(|stamp_ns, message| scenery.take(stamp_ns, message, &mut hub.scene()))?;
+            if us || !was_there {
+                if onlooker.lacks_tiles() {
+                    fill_in(&mut hub.scene(), onlooker.plan());
+                }
+                return Ok(if us { Over::Us } else { Over::Graph });
             }
-            if graph {
-                return Ok(Over::Graph);
-            }
-            self.ask_for_what_is_missing(orders);
-            self.wait(signals)?;
-        }
-    }
-
-    /// Who came late, or fell behind, has only part of the map.
-    fn ask_for_what_is_missing(&mut self, orders: &Orders) {
-        let tiles = self.ports.iter().find(|port| port.topic() == Topic::MapTiles);
-        let lost = tiles.map_or(0, Input::lost);
-        if self.tiles_lost != Some(lost) && (self.tiles_lost.is_none() || self.asked.elapsed() > ASK_AGAIN_AFTER) {
-            // Only a mapper that runs can answer.
-            let is_mapping = self.health.values().any(|(health, _)| {
-                health.state == ServiceState::Running && health.acks.iter().any(|ack| ack.topic == Topic::RangeScan)
-            });
-            if is_mapping {
-                (self.tiles_lost, self.asked) = (Some(lost), Instant::now());
+            if onlooker.misses_tiles() {
                 orders.ask_for_the_whole_map();
             }
+            onlooker.wait(signals)?;
         }
     }
+}
 
-    fn take_in(&mut self, hub: &Hub) -> Result<()> {
-        for index in 0..self.ports.len() {
-            self.ports[index].hush()?;
-            while let Some(received) = self.ports[index].receive()? {
-                let Received::Message(header, message) = received else { continue };
-                // A lock for each: viewers get their turn between.
-                self.take(header.stamp_ns, message, &mut hub.scene());
-            }
-        }
-        Ok(())
-    }
-
+impl Scenery {
     fn take(&mut self, stamp_ns: u64, message: Message, scene: &mut Scene) {
         match message {
             Message::Robot(robot) => scene.take_robot(robot),
             Message::Estimate(estimate) => self.take_estimate(stamp_ns, &estimate, scene),
-            Message::Scan(readings) => {
-                self.scans.push_back((stamp_ns, readings));
-                if self.scans.len() > SCANS_KEPT {
-                    self.scans.pop_front();
-                }
-            }
+            Message::Scan(readings) => self.placer.take_scan(stamp_ns, readings),
             Message::Verdicts(verdicts) => self.judge(stamp_ns, &verdicts, scene),
             Message::Tile(tile) => scene.take_tile(tile),
             Message::Info(info) => scene.take_map(map_value(&info)),
             Message::Fix(fix) => {
                 if let Some(fix) = fix.fix {
-                    self.fixes.push([fix.pose.x, fix.pose.y, fix.pose.theta]);
                     scene.say("localizer", "info", &format!("the robot was at ({:.2}, {:.2})", fix.pose.x, fix.pose.y));
                 }
             }
@@ -183,10 +115,7 @@ impl Feed {
     fn take_estimate(&mut self, stamp_ns: u64, estimate: &PoseEstimate, scene: &mut Scene) {
         let pose = estimate.estimate.pose;
         if !estimate.unplaced {
-            self.poses.push_back((stamp_ns, pose));
-            if self.poses.len() > POSES_KEPT {
-                self.poses.pop_front();
-            }
+            self.placer.take_pose(stamp_ns, pose);
         }
         let point = TrailPoint { stamp_ns, pose, trust: estimate.trust };
         scene.take_pose(Some(point).filter(|_| !estimate.unplaced), pose_value(stamp_ns, estimate));
@@ -194,53 +123,9 @@ impl Feed {
 
     /// A scan is drawn when it is known what became of its readings.
     fn judge(&mut self, stamp_ns: u64, verdicts: &[(u16, Verdict)], scene: &mut Scene) {
-        while self.scans.front().is_some_and(|(stamp, _)| *stamp < stamp_ns) {
-            self.scans.pop_front();
-        }
-        let (Some(robot), Some((_, readings))) =
-            (&scene.robot, self.scans.front().filter(|(stamp, _)| *stamp == stamp_ns))
-        else {
-            return;
-        };
-        let beams = readings
-            .iter()
-            .zip(verdicts)
-            .filter_map(|(reading, (_, verdict))| self.beam(robot, stamp_ns, reading, *verdict))
-            .collect();
-        scene.take_beams(stamp_ns, beams);
-    }
-
-    fn beam(&self, robot: &Robot, stamp_ns: u64, reading: &Reading, verdict: Verdict) -> Option<Beam> {
-        let transducer = robot.transducer(reading.transducer)?;
-        let at_ns = stamp_ns.saturating_add_signed(reading.offset_ns.into());
-        let from = self.pose_at(at_ns)? * transducer.base_from_transducer;
-        let (range_m, echo) = match reading.echo {
-            Echo::Hit { range_m } => (range_m, 0),
-            Echo::NoEcho => (transducer.range_max_m, 1),
-            Echo::Invalid => (0.0, 2),
-        };
-        Some(Beam {
-            x: from.x as f32,
-            y: from.y as f32,
-            angle_rad: from.theta as f32,
-            range_m: range_m as f32,
-            aperture_rad: transducer.aperture_rad as f32,
-            transducer: reading.transducer,
-            verdict: verdict.code(),
-            echo,
-        })
-    }
-
-    /// Where the robot was believed to be; of the poses before and after the nearer in time, if there is but one.
-    fn pose_at(&self, at_ns: u64) -> Option<Pose2> {
-        let after = self.poses.partition_point(|(stamp_ns, _)| *stamp_ns < at_ns);
-        let before = after.checked_sub(1).and_then(|before| self.poses.get(before));
-        match (before, self.poses.get(after)) {
-            (Some((from_ns, from)), Some((to_ns, to))) => {
-                let fraction = (at_ns - from_ns) as f64 / (to_ns - from_ns).max(1) as f64;
-                Some(from.interpolate(*to, fraction))
-            }
-            (one, other) => one.or(other).map(|(_, pose)| *pose),
+        let Some(robot) = &scene.robot else { return };
+        if let Some(placed) = self.placer.judge(robot, stamp_ns, verdicts) {
+            scene.take_beams(stamp_ns, placed.iter().map(beam).collect());
         }
     }
 
@@ -285,30 +170,49 @@ impl Feed {
         };
         json!({ "services": self.services.iter().filter_map(one).collect::<Vec<Value>>() })
     }
+}
 
-    fn wait(&self, signals: &Signals) -> Result<()> {
-        let mut fds: Vec<BorrowedFd<'_>> = vec![signals.fd()];
-        // Less than to be told of every message, who is told of the first waits a moment for the others.
-        sleep_until_readable(&fds, BUNCH)?;
-        fds.extend(self.ports.iter().filter_map(Input::fd));
-        sleep_until_readable(&fds, LOOK_EVERY)
+fn beam(placed: &Placed) -> Beam {
+    let Placed { map_from_transducer: from, aperture_rad, range_m, reading, verdict } = placed;
+    Beam {
+        x: from.x as f32,
+        y: from.y as f32,
+        angle_rad: from.theta as f32,
+        range_m: *range_m as f32,
+        aperture_rad: *aperture_rad as f32,
+        transducer: reading.transducer,
+        verdict: verdict.code(),
+        echo: match reading.echo {
+            Echo::Hit { .. } => 0,
+            Echo::NoEcho => 1,
+            Echo::Invalid => 2,
+        },
     }
 }
 
-fn sleep_until_readable(fds: &[BorrowedFd<'_>], patience: Duration) -> Result<()> {
-    let mut fds: Vec<PollFd<'_>> = fds.iter().map(|fd| PollFd::new(*fd, PollFlags::POLLIN)).collect();
-    match poll(&mut fds, PollTimeout::from(patience.as_millis() as u16)) {
-        Ok(_) | Err(Errno::EINTR) => Ok(()),
-        Err(errno) => Err(errno).context("waiting for messages"),
-    }
-}
-
-/// Says that somebody came: producers then hand over what they keep for that.
-fn greet(participant: &Participant, plan: &Plan) -> Result<Output> {
-    let mut greeting = Output::open(participant, Topic::Health, plan.max_readings, plan.epoch, &[])?;
-    greeting.send(0, &Message::Health(Health::new(NAME, std::process::id(), ServiceState::Running)))?;
-    greeting.ring()?;
-    Ok(greeting)
+/// What was missed at the very end, when no mapper answers any more, stands in the map that was saved last.
+fn fill_in(scene: &mut Scene, plan: &Plan) {
+    let out = plan.config.get("run").and_then(|run| run.get("out")).and_then(toml::Value::as_str).unwrap_or_default();
+    let Ok(document) = native::read(&Path::new(out).join("map.echogrid")) else { return };
+    let newer: Vec<TileUpdate> = {
+        // Another run's, if it is no continuation of what was seen.
+        let Some(grid) = scene.grid.as_ref().filter(|grid| grid.resolution_m() == document.grid.resolution_m()) else {
+            return;
+        };
+        let is_of_this_run = document.path.last().is_some_and(|last| scene.is_at(last.stamp_ns));
+        let seen = |index| grid.tile(index).map_or(0, |tile| tile.revision);
+        let tiles = document.grid.tiles().filter(|(index, tile)| is_of_this_run && tile.revision > seen(*index));
+        let update = |(index, tile): (_, &Tile)| TileUpdate {
+            layer: Layer::Map,
+            index,
+            revision: tile.revision,
+            resolution_m: grid.resolution_m(),
+            log_odds: tile.log_odds.clone(),
+        };
+        tiles.map(update).collect()
+    };
+    tracing::debug!(tiles = newer.len(), "filled in from the saved map");
+    newer.into_iter().for_each(|tile| scene.take_tile(tile));
 }
 
 /// What a run is about, by its plan.

@@ -52,6 +52,8 @@ pub(crate) struct Scene {
     /// Version at which a layer was added last.
     pub(crate) layers_version: u64,
     pub(crate) trail: Trail,
+    /// When the robot was seen last.
+    last_ns: u64,
     pub(crate) beams: Versioned<(u64, Vec<Beam>)>,
     pub(crate) pose: Versioned<Value>,
     pub(crate) map: Versioned<Value>,
@@ -73,6 +75,7 @@ impl Default for Scene {
             layers: BTreeMap::new(),
             layers_version: 0,
             trail: Trail::new(TRAIL_MAX),
+            last_ns: 0,
             beams: Versioned { version: 0, value: (0, Vec::new()) },
             pose: nothing(),
             map: nothing(),
@@ -132,6 +135,7 @@ impl Scene {
 
     pub(crate) fn take_pose(&mut self, point: Option<TrailPoint>, pose: Value) {
         if let Some(point) = point {
+            self.last_ns = point.stamp_ns;
             self.trail.follow(point);
         }
         self.pose = Versioned { version: self.next(), value: pose };
@@ -166,6 +170,11 @@ impl Scene {
         if self.log.len() > LOG_MAX {
             self.log.pop_front();
         }
+    }
+
+    /// Whether the robot was seen last at this stamp.
+    pub(crate) fn is_at(&self, stamp_ns: u64) -> bool {
+        self.last_ns == stamp_ns
     }
 
     pub(crate) fn sonars(&self) -> Vec<u16> {

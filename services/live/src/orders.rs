@@ -1,15 +1,15 @@
 //! What viewers ask for, one after the other, in a thread of its own: a service may take its time.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, sync_channel};
 use std::time::Duration;
 
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, ensure};
 use echogrid_core::{Fix, Pose2};
+use echogrid_service::onlooker::Operator;
 use echogrid_service::{Plan, in_words};
-use echogrid_topics::{Command, Domain, Participant, control};
+use echogrid_topics::{Command, Domain};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -100,58 +100,30 @@ fn carry_out(domain: &Domain, hub: &Hub, orders: &Receiver<Order>) {
     }
 }
 
-/// A graph as it is now: it may have been made anew since the last order.
-struct Graph {
-    participant: Participant,
-    plan: Plan,
-    services: BTreeMap<String, Service>,
-}
-
-/// What is read of a service's table.
-#[derive(Debug, Deserialize)]
-struct Service {
-    kind: String,
-}
-
 /// What is read of `[run]`.
 #[derive(Debug, Deserialize)]
 struct Run {
     out: PathBuf,
 }
 
-impl Graph {
-    fn enter(domain: &Domain) -> Result<Self> {
-        let participant = Participant::join(domain, "echogrid live orders")?;
-        let plan = Plan::read(domain)?;
-        let services = plan.section("services")?;
-        Ok(Self { participant, plan, services })
-    }
+/// The graph as it is now: it may have been made anew since the last order.
+fn enter(domain: &Domain) -> Result<Operator> {
+    Operator::enter(domain, "echogrid live orders")
+}
 
-    /// Has every service of a kind do something; what they say.
-    fn order(&self, kind: &str, command: Command, within: Duration) -> Result<String> {
-        let mut said = Vec::new();
-        for (name, _) in self.services.iter().filter(|(_, service)| service.kind == kind) {
-            let done = control::order(&self.participant, name, command, within)?;
-            said.push(format!("{name}: {}", done.map_err(|why| anyhow!("{name}: {why}"))?));
-        }
-        ensure!(!said.is_empty(), "the graph has no {kind} to {}", command.word());
-        Ok(said.join("; "))
-    }
-
-    fn keeps_readings(&self) -> bool {
-        let key = self.plan.config.get("mapper").and_then(|mapper| mapper.get("keep_readings"));
-        key.and_then(toml::Value::as_bool).unwrap_or(false)
-    }
+fn keeps_readings(plan: &Plan) -> bool {
+    let key = plan.config.get("mapper").and_then(|mapper| mapper.get("keep_readings"));
+    key.and_then(toml::Value::as_bool).unwrap_or(false)
 }
 
 fn obey(domain: &Domain, hub: &Hub, said: &Said) -> Result<(String, Option<Value>)> {
-    let graph = Graph::enter(domain)?;
+    let graph = enter(domain)?;
     let done = match *said {
         Said::Save { .. } => {
             let map = graph.order("publisher", Command::Save, SAVED_WITHIN)?;
             // After the map: what it is made of must be among them.
             let readings =
-                graph.keeps_readings().then(|| graph.order("mapper", Command::Save, SAVED_WITHIN)).transpose()?;
+                keeps_readings(graph.plan()).then(|| graph.order("mapper", Command::Save, SAVED_WITHIN)).transpose()?;
             readings.map_or(map.clone(), |readings| format!("{map}; {readings}"))
         }
         Said::Pause { .. } => graph.order("mapper", Command::Pause, DONE_WITHIN)?,
@@ -162,11 +134,11 @@ fn obey(domain: &Domain, hub: &Hub, said: &Said) -> Result<(String, Option<Value
         }
         Said::Why { x, y, .. } => {
             ensure!(
-                graph.keeps_readings(),
+                keeps_readings(graph.plan()),
                 "no readings are kept; start the graph with --set mapper.keep_readings=true, and ask then"
             );
             graph.order("mapper", Command::Save, SAVED_WITHIN)?;
-            let run: Run = graph.plan.section("run")?;
+            let run: Run = graph.plan().section("run")?;
             return why::answer(hub, &run.out, [x, y]).map(|why| (String::new(), Some(why)));
         }
         Said::Layer { .. } => String::new(),
@@ -175,5 +147,5 @@ fn obey(domain: &Domain, hub: &Hub, said: &Said) -> Result<(String, Option<Value
 }
 
 fn whole_map(domain: &Domain) -> Result<()> {
-    Graph::enter(domain)?.order("mapper", Command::Tiles, DONE_WITHIN).map(drop)
+    enter(domain)?.order("mapper", Command::Tiles, DONE_WITHIN).map(drop)
 }

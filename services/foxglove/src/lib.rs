@@ -1,0 +1,140 @@
+//! A running graph in Foxglove, over the WebSocket server of its SDK.
+//!
+//! A program of its own: the server brings an asynchronous runtime, which nothing else of echogrid needs. It looks on: no process of the
+//! graph waits for it.
+
+mod channels;
+mod convert;
+mod orders;
+mod show;
+
+use std::net::SocketAddr;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, Result, bail};
+use echogrid_service::onlooker::{Onlooker, Operator};
+use echogrid_service::plan::DOMAIN_VARIABLE;
+use echogrid_service::signals::Signals;
+use echogrid_service::{in_words, logging};
+use echogrid_topics::{Command, Domain, Topic};
+use foxglove::WebSocketServer;
+use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use nix::sys::signal::Signal;
+
+use crate::channels::Channels;
+use crate::show::Show;
+
+/// What this process calls itself.
+const NAME: &str = "echogrid-foxglove";
+/// What is looked at.
+const TOPICS: [Topic; 7] = [
+    Topic::RobotDescription,
+    Topic::OdometryEstimate,
+    Topic::RangeScan,
+    Topic::RangeVerdict,
+    Topic::MapTiles,
+    Topic::MapInfo,
+    Topic::Health,
+];
+
+/// What is asked.
+#[derive(Debug)]
+pub struct Request {
+    /// The graph; none: the one that the environment names, or the only one that runs.
+    pub domain: Option<String>,
+    /// Where Foxglove connects to.
+    pub listen: SocketAddr,
+    /// Whether who connects may give orders.
+    pub orders: bool,
+}
+
+/// Runs it as this process.
+#[must_use]
+pub fn main(request: &Request) -> ExitCode {
+    let _whose = logging::start(NAME);
+    match run(request) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{}", in_words(&error));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Somebody subscribed: what counts is to be sent once more.
+struct Newcomers(AtomicBool);
+
+impl ServerListener for Newcomers {
+    fn on_subscribe(&self, _client: Client, _channel: ChannelView) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+fn run(request: &Request) -> Result<()> {
+    // Before any thread is started: threads inherit what is blocked.
+    let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])?;
+    let domain = choose(request.domain.as_deref())?;
+    let mut onlooker = Onlooker::enter(&domain, NAME, &TOPICS)?;
+    let channels = Channels::new()?;
+    let newcomers = Arc::new(Newcomers(AtomicBool::new(false)));
+    let mut server = WebSocketServer::new()
+        .name(format!("echogrid {}", domain.name()))
+        .bind(request.listen.ip().to_string(), request.listen.port())
+        .listener(Arc::clone(&newcomers) as Arc<dyn ServerListener>);
+    if request.orders {
+        server = server
+            .capabilities([Capability::Services])
+            .supported_encodings(["json"])
+            .services(orders::services(&domain));
+    }
+    let server = server.start_blocking().with_context(|| format!("listening at {}", request.listen))?;
+    let shown = SocketAddr::new(request.listen.ip(), server.port());
+    say(&format!("ws://{shown}"))?;
+    let mut show = Show::new(channels);
+    loop {
+        let is_over = signals.next()?.is_some();
+        let was_there = onlooker.take_in(|stamp_ns, message| show.take(stamp_ns, message))?;
+        if newcomers.0.swap(false, Ordering::Relaxed) {
+            show.tell_all();
+        }
+        show.tell_what_is_due(!was_there || is_over);
+        if is_over || !was_there {
+            break;
+        }
+        if onlooker.misses_tiles() {
+            // It is asked for again as long as tiles are missing.
+            let operator = Operator::enter(&domain, NAME);
+            let asked = operator.and_then(|operator| operator.order("mapper", Command::Tiles, orders::DONE_WITHIN));
+            if let Err(error) = asked {
+                tracing::debug!("asking for the whole map: {}", in_words(&error));
+            }
+        }
+        onlooker.wait(&signals)?;
+    }
+    server.stop().wait_blocking();
+    Ok(())
+}
+
+fn choose(named: Option<&str>) -> Result<Domain> {
+    let told = std::env::var(DOMAIN_VARIABLE).ok();
+    if let Some(name) = named.or(told.as_deref()) {
+        return Ok(Domain::named(name)?);
+    }
+    match echogrid_topics::domain::running().as_slice() {
+        [] => bail!("no graph runs"),
+        [only] => Ok(Domain::named(only)?),
+        several => bail!("several graphs run: choose one with --domain ({})", several.join(", ")),
+    }
+}
+
+/// Where it listens, for whoever starts it.
+fn say(line: &str) -> Result<()> {
+    use std::io::Write;
+    let mut out = std::io::stdout().lock();
+    match writeln!(out, "{line}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error).context("printing"),
+        _ => Ok(()),
+    }
+}
