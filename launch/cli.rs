@@ -62,7 +62,7 @@ pub enum Command {
     Up {
         /// Graph file (TOML); see `echogrid check` for every key.
         graph: PathBuf,
-        /// The sensor: `replay`, `simulator`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// What is set for the run.
@@ -76,7 +76,7 @@ pub enum Command {
     Check {
         /// Graph file (TOML); none: the built-in graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, `simulator`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// Prints who reads what of whom, and in which order the services end, instead.
@@ -90,7 +90,7 @@ pub enum Command {
     Doctor {
         /// Graph file (TOML); none: the demo's graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, `simulator`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// Removes what dead graphs of this user left in shared memory.
@@ -121,6 +121,8 @@ pub enum Command {
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
     },
+    /// Pretends to be a robot, for whoever has none: a simulated one behind the door of a Pioneer.
+    Emulate(Emulate),
     /// Tells a running graph where the robot is now: an absolute localization by hand.
     #[command(allow_negative_numbers = true)]
     Fix {
@@ -154,7 +156,8 @@ pub enum Command {
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
     },
-    /// Drives the simulated robot of a running graph; what it was about before is forgotten.
+    /// Drives the robot of a running graph, a simulated one or a Pioneer; what it was about before is forgotten. A real robot
+    /// stops soon when it is not told to go on.
     #[command(allow_negative_numbers = true)]
     Drive {
         /// Forward speed, m/s.
@@ -162,6 +165,9 @@ pub enum Command {
         /// Turn rate, rad/s, counter-clockwise; or degrees per second, as in 20deg.
         #[arg(value_parser = angle, default_value = "0", allow_hyphen_values = true)]
         w: f64,
+        /// Goes on for so many seconds, then stops the robot.
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
+        seconds: Option<f64>,
         /// Which graph; may be left out when only one runs.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
@@ -272,7 +278,7 @@ pub enum Command {
     Janitor,
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, simulator, odometry, localizer, mapper or publisher.
+        /// replay, simulator, pioneer, odometry, localizer, mapper or publisher.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
@@ -381,6 +387,42 @@ pub struct Calibrate {
     /// Replaces the file of --out if it is there.
     #[arg(long, requires = "out")]
     pub force: bool,
+}
+
+/// What is emulated, and how it is reached.
+#[derive(Debug, Args)]
+pub struct Emulate {
+    /// What it pretends to be.
+    #[arg(value_enum)]
+    pub what: Emulated,
+    /// The world that it drives through: office, room, a floor drawn by lot (floor-1 …), or a file.
+    #[arg(long, value_name = "WORLD", default_value = "office")]
+    pub world: String,
+    /// The robot: pioneer3at, pioneer3dx or a robot file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "pioneer3at")]
+    pub robot: String,
+    /// The model that it says it is: p3at-sh, p3dx-sh, p3at or p3dx; others are not known.
+    #[arg(long, value_name = "MODEL", default_value = "p3at-sh")]
+    pub model: String,
+    /// Listens here for one client, instead of behind a pseudo-terminal.
+    #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "link")]
+    pub listen: Option<std::net::SocketAddr>,
+    /// A link that leads to the pseudo-terminal.
+    #[arg(long, value_name = "PATH")]
+    pub link: Option<PathBuf>,
+    /// Another drive: other slips, bumps and echoes.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Sets any key of the simulation, as in `--set simulator.route=commands`; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub sets: Vec<String>,
+}
+
+/// What can be emulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Emulated {
+    /// A Pioneer, over ARCOS.
+    Pioneer,
 }
 
 /// The experiments.
@@ -539,6 +581,12 @@ fn reach(text: &str) -> Result<f64, String> {
 fn window(text: &str) -> Result<f64, String> {
     let good = text.parse().ok().filter(|seconds: &f64| (0.1..=3600.0).contains(seconds));
     good.ok_or_else(|| "expected seconds, 0.1 to 3600".to_owned())
+}
+
+/// Seconds, above 0.
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.trim().parse::<f64>().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 86_400.0);
+    seconds.ok_or_else(|| "expected seconds, above 0 and at most a day".to_owned())
 }
 
 /// Metres, 0 or more.

@@ -39,7 +39,9 @@ fn sensor(config: &Config) -> Result<Box<dyn Sensor>> {
             let robot = config.robot.clone().context("a simulator needs a robot")?;
             Box::new(Simulator::new(&config.simulator, world_of(&config.simulator)?, robot)?)
         }
-        _ => anyhow::bail!("the sensor of this graph is a program of its own, which can't be run in this process"),
+        _ => anyhow::bail!(
+            "the sensor of this graph is a robot or a program of its own, which can't be run in this process"
+        ),
     })
 }
 

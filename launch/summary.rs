@@ -332,6 +332,7 @@ mod tests {
             acks: Vec::new(),
             waits_for: None,
             last_error: String::new(),
+            note: String::new(),
         };
         let health = ["a", "b"].map(|name| (name.to_owned(), health(name))).into();
         let outcome = Outcome { map: Some(map), health, ..Outcome::default() };

@@ -13,6 +13,7 @@ use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_formats::probe_file;
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::{LocalizerConfig, Source};
+use echogrid_pioneer::Pioneer;
 use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
@@ -76,6 +77,10 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
     let little = survey.as_ref().map(|survey| overlap(config, survey)).transpose()?.flatten();
+    // So is a parameter file that is none. The robot itself may yet have to be turned on.
+    if config.drives_pioneer() {
+        Pioneer::new(config.pioneer.clone(), None, Vec::new())?;
+    }
     // So is what is wrong with the world, or the way through it.
     if config.simulates() {
         Simulator::check(&config.simulator, config.robot.clone().unwrap_or_default())?;
@@ -193,6 +198,9 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     let (localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
     let mut table = Config { localization, odometry, ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
+    if config.drives_pioneer() {
+        table.insert("robots".into(), toml::Value::try_from(config::known_robots())?);
+    }
     Ok(Plan {
         rate: match config.run.rate {
             Rate::Max => None,
@@ -273,6 +281,9 @@ fn source(config: &Config) -> String {
     if config.simulates() {
         let world = Path::new(&config.simulator.world);
         return format!("simulator in {}", world.file_name().unwrap_or(world.as_os_str()).to_string_lossy());
+    }
+    if config.drives_pioneer() {
+        return format!("pioneer at {}", config.pioneer.port);
     }
     let sensor = config.services.iter().find(|(_, service)| service.kind == ServiceKind::Sensor);
     sensor.map_or_else(|| "sensor".into(), |(name, _)| name.clone())

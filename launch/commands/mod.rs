@@ -5,6 +5,7 @@ mod calibrate;
 mod check;
 mod demo;
 mod doctor;
+mod emulate;
 mod evaluate;
 mod experiment;
 mod folder;
@@ -66,7 +67,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Fix { x, y, theta, sigma, heading_sigma, domain }) => {
             talk::fix(domain.as_deref(), Pose2 { x, y, theta }, sigma, heading_sigma)
         }
-        Some(Command::Drive { v, w, domain }) => talk::drive(domain.as_deref(), v, w),
+        Some(Command::Drive { v, w, seconds, domain }) => talk::drive(domain.as_deref(), v, w, seconds),
+        Some(Command::Emulate(request)) => emulate::run(&request),
         Some(Command::Live { domain, listen, hosts }) => live::run(live::Request { domain, listen, hosts }),
         Some(Command::Status { domain }) => talk::status(domain.as_deref()),
         Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),

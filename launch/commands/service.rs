@@ -28,6 +28,7 @@ pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
     match builtin {
         Builtin::Replay => echogrid_replay::main(),
         Builtin::Simulator => echogrid_simulator::main(),
+        Builtin::Pioneer => echogrid_pioneer::main(),
         Builtin::Odometry => echogrid_odometry::main(),
         Builtin::Localizer => echogrid_localizer::main(),
         Builtin::Mapper => echogrid_mapper::main(),

@@ -17,6 +17,8 @@ use crate::config::{self, ServiceKind};
 const SAVED_WITHIN: Duration = Duration::from_secs(60);
 /// Between two steps of a service.
 const DONE_WITHIN: Duration = Duration::from_secs(10);
+/// A robot that nobody tells to go on stops: within a second, say.
+const TOLD_AGAIN: Duration = Duration::from_millis(250);
 /// Every service says how it is doing four times a second.
 const HEARD_WITHIN: Duration = Duration::from_secs(1);
 
@@ -75,9 +77,30 @@ pub(super) fn fix(domain: Option<&str>, pose: Pose2, position_sigma_m: f64, head
     order(domain, ServiceKind::Odometry, Command::Fix(fix), DONE_WITHIN)
 }
 
-/// Drives a simulated robot.
-pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64) -> Result<()> {
-    order(domain, ServiceKind::Sensor, Command::Drive { v_mps, w_radps }, DONE_WITHIN)
+/// Drives a robot that can be driven. For so many seconds, if given: a real robot must be told again and again.
+pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64, seconds: Option<f64>) -> Result<()> {
+    order(domain, ServiceKind::Sensor, Command::Drive { v_mps, w_radps }, DONE_WITHIN)?;
+    let Some(seconds) = seconds else { return Ok(()) };
+    let (_, participant, config) = running(domain, "echogrid drive")?;
+    let until = Instant::now() + Duration::from_secs_f64(seconds);
+    let is_sensor = |service: &&config::Service| service.kind == ServiceKind::Sensor;
+    let sensors: Vec<&String> = config.services.iter().filter(|(_, s)| is_sensor(s)).map(|(name, _)| name).collect();
+    let tell = |v_mps, w_radps| -> Result<()> {
+        for name in &sensors {
+            let told =
+                echogrid_topics::control::order(&participant, name, Command::Drive { v_mps, w_radps }, DONE_WITHIN)?;
+            told.map_err(|why| anyhow!("{name}: {why}"))?;
+        }
+        Ok(())
+    };
+    loop {
+        let left = until.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return tell(0.0, 0.0);
+        }
+        std::thread::sleep(left.min(TOLD_AGAIN));
+        tell(v_mps, w_radps)?;
+    }
 }
 
 /// Tells all services of a kind to do something, and prints what they say.
@@ -110,8 +133,11 @@ pub(super) fn status(domain: Option<&str>) -> Result<()> {
             Some(health) => {
                 let state = health.state.word();
                 let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
-                let Health { pid, progress, faults, lost, .. } = health;
-                format!("{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost\n")
+                let Health { pid, progress, faults, lost, note, .. } = health;
+                let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+                format!(
+                    "{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost{note}\n"
+                )
             }
         };
     }

@@ -27,6 +27,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.run = section("run", &config.run, settings)?;
     config.replay = section("replay", &config.replay, settings)?;
     config.simulator = section("simulator", &config.simulator, settings)?;
+    config.pioneer = section("pioneer", &config.pioneer, settings)?;
     config.odometry = section("odometry", &config.odometry, settings)?;
     config.localization = section("localization", &config.localization, settings)?;
     config.localizer = section("localizer", &config.localizer, settings)?;

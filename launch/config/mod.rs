@@ -37,6 +37,7 @@ use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
 use echogrid_core::localization::{Ask, Choice, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
+use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
@@ -48,6 +49,7 @@ pub use problem::{ConfigError, Origin, Problem};
 pub use render::render;
 pub use request::LoadRequest;
 pub use robot::builtin_robots;
+pub use robot_file::known_robots;
 pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
 pub use service::{Builtin, Care, Exec, Service, ServiceKind, default_services};
@@ -66,6 +68,8 @@ pub struct Config {
     pub replay: ReplayConfig,
     /// What `builtin:simulator` simulates.
     pub simulator: SimulatorConfig,
+    /// Where the robot of `builtin:pioneer` is.
+    pub pioneer: PioneerConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
     /// When an absolute localization is asked for.
@@ -90,6 +94,7 @@ impl Default for Config {
             services: default_services(false),
             replay: ReplayConfig::default(),
             simulator: SimulatorConfig::default(),
+            pioneer: PioneerConfig::default(),
             odometry: OdometryConfig::default(),
             localization: LocalizationConfig::default(),
             localizer: LocalizerConfig::default(),
@@ -145,6 +150,12 @@ impl Config {
         self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Simulator))
     }
 
+    /// Whether the sensor is a Pioneer.
+    #[must_use]
+    pub fn drives_pioneer(&self) -> bool {
+        self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Pioneer))
+    }
+
     /// Whether some process answers when the odometry asks where the robot is.
     #[must_use]
     pub fn has_localizer(&self) -> bool {
@@ -158,7 +169,10 @@ impl Config {
         let asked = self.has_localizer() && matches!(self.localization.ask, Ask::Degraded | Ask::Both);
         let mended = asked || self.localizer.source == Source::Operator;
         let mut sensors = self.services.values().filter(|service| service.kind == ServiceKind::Sensor);
-        let is_real = sensors.any(|sensor| matches!(sensor.exec, Exec::Path(_)));
+        let is_real = sensors.any(|sensor| match sensor.exec {
+            Exec::Path(_) => true,
+            Exec::Builtin(builtin) => builtin.is_live(),
+        });
         LocalizationConfig {
             hold: self.localization.hold.resolve(mended).into(),
             wait: self.localization.wait.resolve(!is_real).into(),

@@ -17,6 +17,12 @@ use super::suggest;
 /// A robot (none when the log is to say), and the `[odometry]` and `[simulator]` of its file.
 pub(crate) type Resolved = (Option<Robot>, Vec<Setting>);
 
+/// The robots that are known by name, for a sensor that learns only from the robot which one it is.
+pub fn known_robots() -> std::collections::BTreeMap<String, Robot> {
+    let robot = |(name, _): &(&str, &str)| Some(((*name).to_owned(), find(name, None, None).ok()?.0?));
+    BUILTIN.iter().filter_map(robot).collect()
+}
+
 /// A robot by its name; `base` is none where no file may be read.
 pub(crate) fn find(name: &str, origin: Option<&Origin>, base: Option<&Path>) -> Result<Resolved, ConfigError> {
     if name == AUTO {

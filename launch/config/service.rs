@@ -138,6 +138,8 @@ pub enum Builtin {
     Replay,
     /// Drives a simulated robot.
     Simulator,
+    /// Drives a Pioneer, or listens to one that is driven.
+    Pioneer,
     /// Dead reckoning and its error.
     Odometry,
     /// Absolute localizations.
@@ -149,9 +151,15 @@ pub enum Builtin {
 }
 
 impl Builtin {
+    /// Whether what it gives is what is now: nobody can ask it to wait, or to give it again.
+    #[must_use]
+    pub fn is_live(self) -> bool {
+        self == Self::Pioneer
+    }
+
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Replay, Self::Simulator, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 7] =
+        [Self::Replay, Self::Simulator, Self::Pioneer, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]
@@ -159,6 +167,7 @@ impl Builtin {
         match self {
             Self::Replay => "replay",
             Self::Simulator => "simulator",
+            Self::Pioneer => "pioneer",
             Self::Odometry => "odometry",
             Self::Localizer => "localizer",
             Self::Mapper => "mapper",
@@ -170,7 +179,7 @@ impl Builtin {
     #[must_use]
     pub fn kind(self) -> ServiceKind {
         match self {
-            Self::Replay | Self::Simulator => ServiceKind::Sensor,
+            Self::Replay | Self::Simulator | Self::Pioneer => ServiceKind::Sensor,
             Self::Odometry => ServiceKind::Odometry,
             Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
@@ -191,7 +200,7 @@ impl TryFrom<String> for Exec {
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
             Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
-                "builtin:replay, builtin:simulator, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
+                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
             )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),

@@ -74,6 +74,7 @@ impl Builtin {
         match self {
             Self::Replay => echogrid_replay::DECLARATION,
             Self::Simulator => echogrid_simulator::DECLARATION,
+            Self::Pioneer => echogrid_pioneer::DECLARATION,
             Self::Odometry => echogrid_odometry::DECLARATION,
             Self::Localizer => echogrid_localizer::DECLARATION,
             Self::Mapper => echogrid_mapper::DECLARATION,

@@ -18,6 +18,7 @@ mod live;
 mod localization;
 mod log;
 mod maps;
+mod pioneer;
 mod privacy;
 mod range_sensors;
 mod real_logs;

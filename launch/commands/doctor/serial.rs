@@ -38,6 +38,8 @@ impl Facts {
         let services = config.services.values();
         let words = services.flat_map(|service| service.args.iter().chain(service.env.values()));
         let named: BTreeSet<PathBuf> = words.filter_map(|word| device(word)).collect();
+        let robot = config.drives_pioneer().then(|| device(&config.pioneer.port)).flatten();
+        let named: BTreeSet<PathBuf> = named.into_iter().chain(robot).collect();
         let found = fs::read_dir("/dev").into_iter().flatten().flatten().map(|entry| entry.path());
         let found: BTreeSet<PathBuf> = found.filter(|path| is_serial(path) && !named.contains(path)).collect();
         let port = |path: PathBuf, named| Port { state: look(&path), path, named };

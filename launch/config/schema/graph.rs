@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use echogrid_core::config::{MapperConfig, OdometryConfig};
 use echogrid_core::localization::LocalizationConfig;
 use echogrid_localizer::config::LocalizerConfig;
+use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
@@ -19,7 +20,7 @@ use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
 pub(crate) static GRAPH: &[&Section] =
-    &[&RUN, &REPLAY, &SIMULATOR, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION];
+    &[&RUN, &REPLAY, &SIMULATOR, &PIONEER, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION];
 
 static RUN: Section = Section {
     name: "run",
@@ -75,6 +76,52 @@ static REPLAY: Section = Section {
     ],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,
+};
+
+static PIONEER: Section = Section {
+    name: "pioneer",
+    about: "the robot that builtin:pioneer speaks with",
+    keys: &[
+        text(
+            "port",
+            Text::Plain,
+            "a serial device, or tcp:HOST:PORT",
+            "where the robot is: a serial device, or tcp:HOST:PORT",
+        ),
+        key("baud", "9600, 19200, 38400, 57600 or 115200", "bits per second with which the serial line begins"),
+        key(
+            "switch_baud",
+            "0, 9600, 19200, 38400, 57600 or 115200",
+            "bits per second with which it goes on; 0: as the robot's parameters say",
+        ),
+        text(
+            "parameters",
+            Text::Path,
+            "a path",
+            "ARIA's parameter file of the robot (.p); empty: what is known of its model",
+        ),
+        key("motors", "true or false", "whether its motors are turned on, so that it can be driven (echogrid drive)"),
+        number(
+            "dead_man_s",
+            "a number of seconds from 0.1 to 10",
+            0.1..=10.0,
+            "seconds that a command to drive counts for",
+        ),
+        number(
+            "sonar_cycle_s",
+            "a number of seconds from 0 to 1",
+            0.0..=1.0,
+            "seconds from one firing of an array of sonars to the next; 0: as the robot says",
+        ),
+        number(
+            "silence_s",
+            "a number of seconds from 0.3 to 60",
+            0.3..=60.0,
+            "seconds without a word after which the robot is called again",
+        ),
+    ],
+    probe: probe::<PioneerConfig>,
+    defaults: defaults::<PioneerConfig>,
 };
 
 pub(crate) static SIMULATOR: Section = Section {

@@ -119,6 +119,23 @@ pub trait Sensor {
         false
     }
 
+    /// Whether there is a next message, or the end, by now. One that has nothing yet may wait for it, but no longer than a tenth
+    /// of a second: heartbeats go out and orders are taken in between.
+    ///
+    /// # Errors
+    /// As [`Sensor::next`].
+    fn is_ready(&mut self) -> Result<bool> {
+        Ok(true)
+    }
+
+    /// Nothing more will be asked of it: what it holds of the world (motors, a port) it lets go.
+    fn close(&mut self) {}
+
+    /// How what it measures with is doing, for people (a battery, a bumper, a line that was cut); empty: nothing to say.
+    fn note(&self) -> String {
+        String::new()
+    }
+
     /// How many messages there will be in all, if known.
     fn total(&self) -> Option<u64> {
         None

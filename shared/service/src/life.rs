@@ -141,6 +141,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
         runtime.serve(Some(made), |command| sensor.command(command))?;
         patience = Duration::ZERO;
         runtime.set_waits_for(None);
+        runtime.set_note(sensor.note());
         let begun = runtime.now();
         for _ in 0..BATCH {
             if runtime.now().saturating_duration_since(begun) >= LOOK_AFTER {
@@ -153,6 +154,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
             let (stamp_ns, message) = match waiting.take().or_else(|| again.pop_front()) {
                 Some(message) => message,
                 // What can be made anew fails anew.
+                None if !sensor.is_ready()? => break,
                 None => match sensor.next().map_err(|error| if is_live { error } else { judged(error) })? {
                     Some((stamp_ns, message)) if is_live => {
                         made += 1;
@@ -188,11 +190,14 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     // Without it nobody downstream would read on to the end that follows.
     if made == 0
         && runtime.stop() == Some(Stop::Asked)
+        && sensor.is_ready()?
         && let Some((stamp_ns, robot @ Message::Robot(_))) = sensor.next()?
     {
         runtime.send(stamp_ns, &robot)?;
         runtime.ring()?;
     }
+    sensor.close();
+    runtime.set_note(sensor.note());
     runtime.set_state(ServiceState::Draining)?;
     tracing::debug!(asked = runtime.stop().is_some(), "finishes");
     drain(runtime, &mut Outbox::default(), runtime.stop() != Some(Stop::Orphaned), |_, _| {}).await

@@ -17,7 +17,11 @@ use crate::{Input, Outbox, Sensor, Service};
 pub fn run(sensor: &mut dyn Sensor, services: &mut [&mut dyn Service]) -> Result<()> {
     let inboxes = services.iter().map(|_| VecDeque::new()).collect();
     let mut graph = Graph { services, sequences: BTreeMap::new(), inboxes };
-    while let Some((stamp_ns, message)) = sensor.next()? {
+    loop {
+        if !sensor.is_ready()? {
+            continue;
+        }
+        let Some((stamp_ns, message)) = sensor.next()? else { break };
         graph.send(stamp_ns, message);
         graph.settle()?;
     }

@@ -153,6 +153,11 @@ impl Runtime {
         self.vitals.waits_for = topic;
     }
 
+    /// Says how what the service measures with is doing.
+    pub fn set_note(&mut self, note: String) {
+        self.vitals.set_note(note);
+    }
+
     /// The input whose next message the service can't go on without, when it has taken all that is `welcome`.
     #[must_use]
     pub fn awaited_input(&self, welcome: impl Fn(Topic) -> bool) -> Option<Topic> {

@@ -40,6 +40,7 @@ pub(crate) struct Vitals {
     pub(crate) first_stamp_ns: Option<u64>,
     pub(crate) faults: u64,
     pub(crate) last_error: String,
+    note: String,
     pub(crate) stop: Option<Stop>,
     pub(crate) waits_for: Option<Topic>,
     due: Instant,
@@ -62,6 +63,7 @@ impl Vitals {
             first_stamp_ns: None,
             faults: 0,
             last_error: String::new(),
+            note: String::new(),
             stop: None,
             waits_for: None,
             due,
@@ -80,6 +82,14 @@ impl Vitals {
         self.stamp_ns = self.stamp_ns.max(stamp_ns);
         if topic.delivery().is_stream() {
             self.first_stamp_ns.get_or_insert(stamp_ns);
+        }
+    }
+
+    /// How what the service measures with is doing; said at once where that is something else than before.
+    pub(crate) fn set_note(&mut self, note: String) {
+        if self.note != note {
+            self.note = note;
+            self.hasten(Duration::ZERO);
         }
     }
 
@@ -108,6 +118,7 @@ impl Vitals {
             acks,
             waits_for: self.waits_for,
             last_error: self.last_error.clone(),
+            note: self.note.clone(),
         };
         self.mouth.send(self.stamp_ns, &Message::Health(health))?;
         self.mouth.ring()?;

@@ -102,6 +102,8 @@ pub struct Health {
     pub waits_for: Option<Topic>,
     /// Empty if there was none.
     pub last_error: String,
+    /// How what it measures with is doing, for people; empty: nothing to say.
+    pub note: String,
 }
 
 impl Health {
@@ -121,6 +123,7 @@ impl Health {
             acks: Vec::new(),
             waits_for: None,
             last_error: String::new(),
+            note: String::new(),
         }
     }
 }
@@ -141,7 +144,7 @@ wire! {
 
 wire! {
     /// `health`: how a service is doing. Sent from its main loop, so it stops when the loop hangs.
-    "echogrid/Health/3" HealthWire {
+    "echogrid/Health/4" HealthWire {
         /// UTF-8, padded with zeros.
         service: [u8; 32],
         /// Process id.
@@ -168,6 +171,8 @@ wire! {
         acks: [AckWire; 8],
         /// Last error, UTF-8, padded with zeros.
         last_error: [u8; 512],
+        /// How what it measures with is doing, UTF-8, padded with zeros.
+        note: [u8; 256],
     }
 }
 
@@ -191,6 +196,7 @@ impl From<&Health> for HealthWire {
             waits_for: health.waits_for.map_or(0, |topic| topic as u32),
             acks,
             last_error: text_to_bytes(&health.last_error),
+            note: text_to_bytes(&health.note),
         }
     }
 }
@@ -230,6 +236,7 @@ impl TryFrom<&HealthWire> for Health {
             // A code that is not known says no more than none.
             waits_for: Topic::from_code(wire.waits_for),
             last_error: bytes_to_text(&wire.last_error),
+            note: bytes_to_text(&wire.note),
         })
     }
 }
@@ -248,30 +255,32 @@ mod tests {
         let ack = ack.prop_map(|(topic, epoch, sequence)| Ack { topic, epoch, sequence });
         let acks = prop::collection::vec(ack, 0..=MAX_ACKS);
         let waits = prop::option::of(prop::sample::select(Topic::ALL.to_vec()));
-        ("[a-z0-9-]{1,20}", any::<u32>(), state, any::<[u64; 6]>(), acks, waits, "[ -~äß]{0,256}").prop_map(
-            |(
-                service,
-                pid,
-                state,
-                [progress, total, stamp_ns, first_stamp_ns, faults, lost],
-                acks,
-                waits_for,
-                last_error,
-            )| Health {
-                service,
-                pid,
-                state,
-                progress,
-                total,
-                stamp_ns,
-                first_stamp_ns,
-                faults,
-                lost,
-                acks,
-                waits_for,
-                last_error,
-            },
-        )
+        ("[a-z0-9-]{1,20}", any::<u32>(), state, any::<[u64; 6]>(), acks, waits, ["[ -~äß]{0,256}", "[ -~äß]{0,128}"])
+            .prop_map(
+                |(
+                    service,
+                    pid,
+                    state,
+                    [progress, total, stamp_ns, first_stamp_ns, faults, lost],
+                    acks,
+                    waits_for,
+                    [last_error, note],
+                )| Health {
+                    service,
+                    pid,
+                    state,
+                    progress,
+                    total,
+                    stamp_ns,
+                    first_stamp_ns,
+                    faults,
+                    lost,
+                    acks,
+                    waits_for,
+                    last_error,
+                    note,
+                },
+            )
     }
 
     proptest! {
