@@ -104,7 +104,7 @@ impl Scenery {
             Message::Info(info) => scene.take_map(map_value(&info)),
             Message::Fix(fix) => {
                 if let Some(fix) = fix.fix {
-                    scene.say("localizer", "info", &format!("the robot was at ({:.2}, {:.2})", fix.pose.x, fix.pose.y));
+                    scene.say("localizer", "info", &format!("robot at ({:.2}, {:.2})", fix.pose.x, fix.pose.y));
                 }
             }
             Message::Health(health) => self.take_health(health, scene),
