@@ -1,4 +1,4 @@
-//! "Did you mean …?"
+//! What was meant by a word that nobody knows: "did you mean …?"
 
 use super::service::{BUILTIN_PREFIX, Builtin};
 

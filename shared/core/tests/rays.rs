@@ -4,7 +4,7 @@
 
 use std::collections::BTreeSet;
 
-use echogrid_core::config::{Fusion, Noise};
+use echogrid_core::config::{Fusion, Limit, Noise};
 use echogrid_core::grid::{CellIndex, Grid};
 use echogrid_core::log_odds::log_odds_of;
 use echogrid_core::{Echo, Estimate, GridMapper, MapperConfig, Pose2, Reading, Robot, Sensor, SensorKind, Verdict};
@@ -112,7 +112,8 @@ fn a_thin_beam_leaves_no_cell_that_it_crosses_unknown() {
 #[test]
 fn a_ray_counts_once_in_each_cell() {
     let robot = lidar(1, 0.002);
-    let config = MapperConfig { fusion: Fusion::Paper, ..MapperConfig::default() };
+    let footprint_m = Limit::Metres(0.0);
+    let config = MapperConfig { fusion: Fusion::Paper, footprint_m, ..MapperConfig::default() };
     let mapper = map(&config, &robot, Pose2::IDENTITY, Pose2::IDENTITY);
     let (beam, range_m) = scan(&robot, Pose2::IDENTITY)[0];
     for cell in crossed(mapper.grid(), (beam, 0.7 * range_m)) {

@@ -1,0 +1,264 @@
+//! The rules of the house (docs/style.md), as far as a program can check them.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests")]
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+const LINES_MAX: usize = 500;
+const FUNCTION_LINES_MAX: usize = 60;
+
+/// Files that are longer, and why.
+const LONG_FILES: &[(&str, &str)] = &[
+    ("launch/cli.rs", "the command line as one declaration"),
+    ("launch/config/schema/graph.rs", "every key of the graph file, one after the other"),
+    ("launch/config/tests.rs", "one table of wrong graph files and what is said of each"),
+    ("launch/supervisor/mod.rs", "to be divided with the supervision of branches and loops"),
+    ("shared/core/src/config.rs", "to be divided by room: odometry, mapping"),
+    ("shared/core/src/kernel/oriented.rs", "one kernel, with its reference for wide apertures"),
+    ("shared/core/src/quality.rs", "to become a crate that judges maps"),
+    ("shared/core/src/world/mod.rs", "a world's parts, and how it is made of them"),
+];
+
+/// Functions that are longer, and why.
+const LONG_FUNCTIONS: &[(&str, &str, &str)] = &[
+    ("examples/beam_pictures.rs", "profiles", "the drawing of one figure"),
+    ("launch/commands/calibrate/tests.rs", "errors_name_what_is_wrong", "a table of cases"),
+    ("launch/commands/graph.rs", "summary_of", "to be divided: what the summary holds, one by one"),
+    ("launch/commands/mod.rs", "run", "one arm for each command"),
+    ("launch/config/robot_tests.rs", "bad_robot_files", "a table of cases"),
+    ("launch/config/tests.rs", "bad_graph_files", "a table of cases"),
+    ("launch/summary.rs", "fmt", "one line of text after the other"),
+    ("launch/supervisor/child.rs", "start", "all that a process is given before it starts, in its order"),
+    ("launch/supervisor/mod.rs", "buried", "what is decided of a death, in its order"),
+    ("shared/core/src/config.rs", "validate", "one check for each key"),
+    ("shared/formats/src/log/carmen/survey.rs", "conclude", "one finding after the other"),
+    ("shared/formats/src/log/udacity/survey.rs", "survey", "one line format, read in one pass"),
+    ("shared/service/src/life.rs", "play", "the life of a service, from start to end"),
+    ("tests/graph/disk_full.rs", "a_graph_on_a_small_disk", "one story"),
+    ("tests/graph/second_user.rs", "root_neither_joins_nor_harms_the_graph_of_another_user", "one story"),
+];
+
+/// What reaches out of a computation, and what makes its result depend on more than its input.
+const NOT_IN_CORE: &[(&str, &str)] = &[
+    ("std::fs", "files"),
+    ("std::io", "input and output"),
+    ("std::net", "the network"),
+    ("std::env", "the environment"),
+    ("std::process", "processes"),
+    ("std::thread", "threads"),
+    ("std::time", "clocks"),
+    ("HashMap", "an order that differs from run to run"),
+    ("HashSet", "an order that differs from run to run"),
+    ("rand::rng", "random numbers of the system"),
+    ("thread_rng", "random numbers of the system"),
+    ("from_os_rng", "random numbers of the system"),
+    ("getrandom", "random numbers of the system"),
+];
+
+struct Source {
+    /// From the root of the repository.
+    name: String,
+    text: String,
+}
+
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Every file below `folder` with this ending, but for what is built.
+fn files(folder: &str, ending: &str) -> Vec<Source> {
+    let (mut found, mut folders) = (Vec::new(), vec![root().join(folder)]);
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            let file_name = path.file_name().unwrap().to_string_lossy().into_owned();
+            if path.is_dir() {
+                folders.extend((file_name != "target" && !file_name.starts_with('.')).then_some(path));
+            } else if file_name.ends_with(ending) {
+                let name = path.strip_prefix(root()).unwrap().to_string_lossy().into_owned();
+                found.push(Source { name, text: std::fs::read_to_string(&path).unwrap() });
+            }
+        }
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    assert!(!found.is_empty(), "nothing below {folder} ends with {ending}");
+    found
+}
+
+fn sources() -> Vec<Source> {
+    let folders = ["launch", "services", "shared", "tests", "examples"];
+    folders.into_iter().flat_map(|folder| files(folder, ".rs")).collect()
+}
+
+/// Fails with all of them, if there are any.
+fn none(what: &str, wrong: &[String]) {
+    assert!(wrong.is_empty(), "{what}:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn files_are_short() {
+    let mut excused: BTreeSet<String> = LONG_FILES.iter().map(|(name, _)| (*name).to_owned()).collect();
+    let mut wrong = Vec::new();
+    for Source { name, text } in sources() {
+        let lines = text.lines().count();
+        if lines > LINES_MAX && !excused.remove(&name) {
+            wrong.push(format!("{name}: {lines} lines of at most {LINES_MAX}"));
+        }
+    }
+    wrong.extend(excused.iter().map(|name| format!("{name}: no longer too long, or gone: remove the exception")));
+    none("too long", &wrong);
+}
+
+/// Names and lengths of the functions of a formatted file: a function ends where a brace closes at its own depth.
+fn functions(text: &str) -> Vec<(String, usize)> {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut found = Vec::new();
+    for (at, line) in lines.iter().enumerate() {
+        let depth = line.len() - line.trim_start().len();
+        let Some((before, after)) = line.trim_start().split_once("fn ") else { continue };
+        let is_declared = before.split_whitespace().all(|word| {
+            matches!(word, "pub" | "const" | "async" | "unsafe" | "extern" | "\"C\"")
+                || word.starts_with("pub(")
+                || word.ends_with(')')
+        });
+        let name: String = after.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+        if !is_declared || name.is_empty() || line.ends_with('}') || line.ends_with(';') {
+            continue;
+        }
+        let ends = |line: &&str| {
+            line.len() - line.trim_start().len() == depth && (line.trim_start() == "}" || line.ends_with(");"))
+        };
+        let length = lines[at + 1..].iter().position(ends).map_or(1, |end| end + 2);
+        found.push((name, length));
+    }
+    found
+}
+
+#[test]
+fn functions_are_short() {
+    let mut excused: BTreeSet<(String, String)> =
+        LONG_FUNCTIONS.iter().map(|(file, function, _)| ((*file).to_owned(), (*function).to_owned())).collect();
+    let mut wrong = Vec::new();
+    for Source { name, text } in sources() {
+        for (function, length) in functions(&text) {
+            if length > FUNCTION_LINES_MAX && !excused.remove(&(name.clone(), function.clone())) {
+                wrong.push(format!("{name}: {function} has {length} lines of at most {FUNCTION_LINES_MAX}"));
+            }
+        }
+    }
+    let stale =
+        |(file, function): &(String, String)| format!("{file}: {function} is no longer too long, or gone: remove it");
+    wrong.extend(excused.iter().map(stale));
+    none("too long", &wrong);
+}
+
+#[test]
+fn functions_are_measured() {
+    let text = "pub(crate) const fn one(\n    a: u8,\n) -> u8 {\n    a\n}\n\nimpl X {\n    fn two(&self) -> u8 {\n        if a {\n        }\n    }\n    fn three() {}\n}\n";
+    assert_eq!(functions(text), [("one".to_owned(), 5), ("two".to_owned(), 4)]);
+}
+
+#[test]
+fn every_module_begins_with_a_sentence() {
+    let mut wrong = Vec::new();
+    for Source { name, text } in sources().into_iter().filter(|source| !source.name.ends_with("tests.rs")) {
+        let doc: Vec<&str> = text.lines().map_while(|line| line.strip_prefix("//!")).map(str::trim).collect();
+        let first = doc.split(|line| line.is_empty()).next().unwrap_or_default().join(" ");
+        if !first.contains(['.', ':']) {
+            wrong.push(format!("{name}: begins with {first:?}"));
+        }
+    }
+    none("a module says first what it is", &wrong);
+}
+
+#[test]
+fn the_core_depends_on_its_input_alone() {
+    let mut wrong = Vec::new();
+    for Source { name, text } in files("shared/core/src", ".rs") {
+        for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with("//")) {
+            let found = NOT_IN_CORE.iter().filter(|(word, _)| line.contains(word));
+            wrong.extend(found.map(|(word, what)| format!("{name}:{}: {word} ({what})", number + 1)));
+        }
+    }
+    none("the core takes values and gives values", &wrong);
+}
+
+/// Targets of the links of a Markdown text, without those that lead elsewhere.
+fn links(text: &str) -> Vec<String> {
+    let after = text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
+    after.filter(|target| !target.contains("://") && !target.is_empty()).map(str::to_owned).collect()
+}
+
+/// The anchor of a heading, as GitHub makes it.
+fn anchor(heading: &str) -> String {
+    let kept = heading.trim().to_lowercase();
+    kept.chars()
+        .filter(|c| c.is_alphanumeric() || [' ', '-', '_'].contains(c))
+        .map(|c| if c == ' ' { '-' } else { c })
+        .collect()
+}
+
+fn has_anchor(text: &str, wanted: &str) -> bool {
+    text.lines().filter(|line| line.starts_with('#')).any(|line| anchor(line.trim_start_matches('#')) == wanted)
+}
+
+fn documents() -> Vec<Source> {
+    let read = |name: &str| Source { name: name.into(), text: std::fs::read_to_string(root().join(name)).unwrap() };
+    let at_the_root = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "SECURITY.md"].map(read);
+    at_the_root.into_iter().chain(files("docs", ".md")).collect()
+}
+
+#[test]
+fn links_of_documents_resolve() {
+    let mut wrong = Vec::new();
+    for Source { name, text } in documents() {
+        let folder = root().join(Path::new(&name).parent().unwrap());
+        for link in links(&text) {
+            let (file, section) = link.split_once('#').unwrap_or((&link, ""));
+            let target = if file.is_empty() { root().join(&name) } else { folder.join(file) };
+            let there = target.exists()
+                && (section.is_empty()
+                    || std::fs::read_to_string(&target).is_ok_and(|text| has_anchor(&text, section)));
+            if !there {
+                wrong.push(format!("{name}: {link}"));
+            }
+        }
+    }
+    none("links that lead nowhere", &wrong);
+}
+
+/// Each equation of the paper leads to a function that says so.
+#[test]
+fn each_equation_has_its_function() {
+    let text = std::fs::read_to_string(root().join("docs/model.md")).unwrap();
+    let table = text.split("## The paper's equations").nth(1).unwrap().split("\n## ").next().unwrap();
+    let (mut equations, mut wrong) = (Vec::new(), Vec::new());
+    for row in table.lines().filter(|line| line.starts_with("| ")).skip(1) {
+        let columns: Vec<&str> = row.trim_matches('|').split(" | ").map(str::trim).collect();
+        let [equation, _, function] = columns[..] else { panic!("a row of three columns: {row}") };
+        let (name, rest) = function.trim_start_matches("[`").split_once("`](").unwrap();
+        let file = rest.trim_end_matches(')').trim_start_matches("../");
+        let name = name.rsplit("::").next().unwrap();
+        let source = std::fs::read_to_string(root().join(file)).unwrap_or_default();
+        // Its documentation: the lines of comments and attributes right above it.
+        let lines: Vec<&str> = source.lines().collect();
+        let declared = lines.iter().enumerate().filter(|(_, line)| line.contains(&format!("fn {name}(")));
+        let says = |(at, _): (usize, &&str)| {
+            let above = lines[..at].iter().rev().map(|line| line.trim_start());
+            above
+                .take_while(|line| line.starts_with("///") || line.starts_with("#["))
+                .any(|line| line.contains(equation))
+        };
+        if !declared.clone().any(says) {
+            wrong.push(format!("{equation}: {name} of {file} does not say that it is that"));
+        }
+        equations.push(equation);
+    }
+    none("equations without their function", &wrong);
+    for wanted in ["1–4", "5–8", "9, 10", "13", "14", "20", "21", "22, 23", "Algorithm 1"] {
+        assert!(equations.contains(&wanted), "{wanted} is not in the table");
+    }
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    assert!(readme.contains("docs/model.md#the-papers-equations"));
+}
