@@ -1,0 +1,22 @@
+//! Simultaneous localization and mapping: how a drive went, by what its range sensors saw again.
+//!
+//! As in `core` there is no I/O, clock, thread, file or message here, and no order that depends on hashes: the same readings give the
+//! same bytes on every machine. Units are SI, angles counter-clockwise in (-π, π].
+
+pub mod cloud;
+pub mod closures;
+pub mod config;
+pub mod correlate;
+mod front;
+pub mod graph;
+mod loops;
+pub mod matching;
+pub mod matrix;
+mod refine;
+pub mod scan;
+pub mod slam;
+pub mod solver;
+
+pub use config::{SlamConfig, UseOdometry};
+pub use scan::Points;
+pub use slam::{Node, Slam};

@@ -1,0 +1,46 @@
+//! How far apart two nodes are by what is known: the shortest way through the graph, on which closures are no way at all.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::graph::Kind;
+use crate::slam::Slam;
+
+/// What a closure counts as, metres.
+const CLOSURE_M: f64 = 0.5;
+
+impl Slam {
+    /// Of every node: the shortest way from `from`, in millimetres.
+    pub(crate) fn ways_mm(&self, from: usize) -> Vec<u64> {
+        let count = self.nodes.len();
+        let mut jumps: Vec<Vec<usize>> = vec![Vec::new(); count];
+        for edge in self.graph.edges.iter().filter(|edge| matches!(edge.kind, Kind::Closure(_))) {
+            jumps[edge.from as usize].push(edge.to as usize);
+            jumps[edge.to as usize].push(edge.from as usize);
+        }
+        let mm = |metres: f64| (metres * 1e3) as u64;
+        let mut ways = vec![u64::MAX; count];
+        let mut open = BinaryHeap::from([Reverse((0, from))]);
+        while let Some(Reverse((way, node))) = open.pop() {
+            if way >= ways[node] {
+                continue;
+            }
+            ways[node] = way;
+            let mut push = |next: usize, length_m: f64| {
+                if way + mm(length_m) < ways[next] {
+                    open.push(Reverse((way + mm(length_m), next)));
+                }
+            };
+            if node > 0 {
+                push(node - 1, self.nodes[node].way_m - self.nodes[node - 1].way_m);
+            }
+            if node + 1 < count {
+                push(node + 1, self.nodes[node + 1].way_m - self.nodes[node].way_m);
+            }
+            for jump in &jumps[node] {
+                push(*jump, CLOSURE_M);
+            }
+        }
+        ways
+    }
+}
