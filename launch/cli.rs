@@ -227,6 +227,26 @@ pub enum Command {
         #[arg(long, value_name = "FILE.png")]
         picture: Option<PathBuf>,
     },
+    /// Lists the places that SLAM (`map --slam`) recognised, each with its evidence and what became of it.
+    Closures {
+        /// The folder of the map, or closures.json.
+        #[arg(default_value = "maps")]
+        map: PathBuf,
+        /// Prints them as JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Tells how far a path is off, by relations between its poses, as the public benchmark of SLAM has them (Kümmerle et al. 2009).
+    Relations {
+        /// Lines `t1 t2 x y z roll pitch yaw`.
+        relations: PathBuf,
+        /// The path: what `map --slam` writes, or lines `t x y theta`.
+        #[arg(default_value = "maps/path.tum")]
+        path: PathBuf,
+        /// Prints the figures as JSON.
+        #[arg(long)]
+        json: bool,
+    },
     /// Tells why a cell is occupied, free or unknown: the readings that made it so (of a map with mapper.keep_readings).
     #[command(allow_negative_numbers = true)]
     Why {
@@ -453,6 +473,9 @@ pub struct Settings {
     /// Goes on with the run that is spooled (--spool).
     #[arg(long)]
     pub resume: bool,
+    /// Corrects the poses by what a lidar sees again (SLAM); the map is made when the drive is over.
+    #[arg(long, conflicts_with_all = ["fix", "fix_every"])]
+    pub slam: bool,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
     /// a log that knows); or a file: surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
     #[arg(long, value_name = "SOURCE|FILE")]
@@ -533,6 +556,7 @@ impl Settings {
             domain: self.domain,
             spool: self.spool,
             resume: self.resume,
+            slam: self.slam,
             fix: self.fix,
             fix_every: self.fix_every,
             start: self.start.as_deref().and_then(|start| start.try_into().ok()),

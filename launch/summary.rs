@@ -5,6 +5,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use echogrid_core::{Incidents, Verdict};
+use echogrid_slam::report::Report;
 use serde::Serialize;
 
 use crate::sonars::{Sonar, conspicuous};
@@ -43,6 +44,8 @@ pub struct Summary {
     pub fixes: u32,
     /// Absolute localizations that were too far off to be believed.
     pub fixes_refused: u32,
+    /// What SLAM did, if it was asked to.
+    pub slam: Option<Report>,
     /// Steps of the odometry that no drive makes.
     pub leaps: Option<Incident>,
     /// Fixes that the odometry contradicts, beyond anything that it may be off by.
@@ -166,6 +169,7 @@ impl Summary {
             trust: map.trust,
             fixes: map.fixes,
             fixes_refused: map.fixes_refused,
+            slam: None,
             leaps: Incident::of(map.leaps, first_ns),
             contradictions: Incident::of(map.contradictions, first_ns),
             world_m: outcome.world.as_ref().map(|world| {
@@ -264,6 +268,9 @@ impl fmt::Display for Summary {
             refused => format!(", refused as too far off {refused}"),
         };
         writeln!(f, "{}{refused}", localized(self.fixes))?;
+        if let Some(slam) = &self.slam {
+            writeln!(f, "slam      {}", crate::commands::closures::summary(slam))?;
+        }
         if let Some(leaps) = &self.leaps {
             let times = if leaps.count == 1 { "once".to_owned() } else { format!("{} times", leaps.count) };
             writeln!(f, "odometry  leapt {times} {}: no drive does; {AFTER_A_LEAP}", leaps.words())?;

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::config::Poses;
-use echogrid_core::{GridMapper, Robot};
+use echogrid_core::{GridMapper, Robot, SensorKind};
 use echogrid_formats::localization::{Landmarks, ReferencePath, Sightings};
 use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
@@ -170,6 +170,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         summary.log_faults.extend(suggestion(survey));
     }
     summary.log_faults.extend(little);
+    if config.does_slam() {
+        summary.slam = Some(super::closures::read(&config.run.out)?);
+    }
     summary.files = written(config, start);
     Ok(summary)
 }
@@ -189,6 +192,13 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         Robot::try_from(&RobotWire::from(robot)).with_context(|| format!("robot {:?}", robot.name))?;
     }
     // A sonar that the robot does not have, limits that leave a sensor nothing: said before anything is started.
+    if let Some(robot) = robot.filter(|_| config.does_slam()) {
+        ensure!(
+            robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar),
+            "robot {:?} has no lidar, which SLAM needs; without --slam its sonars make a map of the odometry's poses",
+            robot.name
+        );
+    }
     if let Some(robot) = robot {
         let odometry = &config.odometry;
         GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;
@@ -293,6 +303,9 @@ fn source(config: &Config) -> String {
 fn file_names(config: &Config) -> Vec<String> {
     let mut names = MapFiles::names(&config.publisher.map_files());
     names.extend([SONARS_FILE.to_owned(), READINGS_FILE.to_owned()]);
+    if config.does_slam() {
+        names.extend(echogrid_slam_service::FILES.map(str::to_owned));
+    }
     names
 }
 

@@ -3,6 +3,7 @@
 pub(crate) mod align;
 mod calibrate;
 mod check;
+pub(crate) mod closures;
 mod demo;
 mod doctor;
 mod emulate;
@@ -12,6 +13,7 @@ mod folder;
 mod graph;
 mod live;
 mod observer;
+mod relations;
 mod score;
 mod service;
 mod spool;
@@ -76,6 +78,8 @@ pub fn run(cli: Cli) -> ExitCode {
             score::run(&score::Request { map, world, path, align, points, json, picture })
         }
         Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
+        Some(Command::Closures { map, json }) => closures::run(&map, json),
+        Some(Command::Relations { relations, path, json }) => relations::run(&relations, &path, json),
         Some(Command::Why { x, y, map, domain, limit, json }) => {
             let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
             map.and_then(|map| why::run(&why::Request { at: [x, y], map, json, limit }))

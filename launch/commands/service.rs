@@ -30,6 +30,7 @@ pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
         Builtin::Simulator => echogrid_simulator::main(),
         Builtin::Pioneer => echogrid_pioneer::main(),
         Builtin::Odometry => echogrid_odometry::main(),
+        Builtin::Slam => echogrid_slam_service::main(),
         Builtin::Localizer => echogrid_localizer::main(),
         Builtin::Mapper => echogrid_mapper::main(),
         Builtin::Publisher => echogrid_publisher::main(),

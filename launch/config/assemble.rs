@@ -29,6 +29,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.simulator = section("simulator", &config.simulator, settings)?;
     config.pioneer = section("pioneer", &config.pioneer, settings)?;
     config.odometry = section("odometry", &config.odometry, settings)?;
+    config.slam = section("slam", &config.slam, settings)?;
     config.localization = section("localization", &config.localization, settings)?;
     config.localizer = section("localizer", &config.localizer, settings)?;
     config.mapper = section("mapper", &config.mapper, settings)?;

@@ -41,6 +41,7 @@ use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
+use echogrid_slam::SlamConfig;
 use serde::{Deserialize, Serialize};
 
 pub use interval::Interval;
@@ -72,6 +73,8 @@ pub struct Config {
     pub pioneer: PioneerConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
+    /// What `builtin:slam` does.
+    pub slam: SlamConfig,
     /// When an absolute localization is asked for.
     pub localization: LocalizationConfig,
     /// Who answers.
@@ -96,6 +99,7 @@ impl Default for Config {
             simulator: SimulatorConfig::default(),
             pioneer: PioneerConfig::default(),
             odometry: OdometryConfig::default(),
+            slam: SlamConfig::default(),
             localization: LocalizationConfig::default(),
             localizer: LocalizerConfig::default(),
             mapper: MapperConfig::default(),
@@ -110,6 +114,8 @@ impl Default for Config {
 #[derive(Serialize)]
 struct Provenance<'a> {
     odometry: &'a OdometryConfig,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slam: Option<&'a SlamConfig>,
     localization: &'a LocalizationConfig,
     localizer: toml::Table,
     mapper: &'a MapperConfig,
@@ -180,6 +186,12 @@ impl Config {
         }
     }
 
+    /// Whether poses are corrected by SLAM.
+    #[must_use]
+    pub fn does_slam(&self) -> bool {
+        self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Slam))
+    }
+
     /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be,
     /// and who wants no mapping held has it begin where the odometry says.
     #[must_use]
@@ -202,11 +214,12 @@ impl Config {
     pub fn provenance_toml(&self, robot: Option<&Robot>) -> Result<String, ConfigError> {
         let robot = self.robot.as_ref().or(robot);
         let Self { odometry, localization, mapper, .. } = self;
+        let slam = self.does_slam().then_some(&self.slam);
         let localizer = without(&self.localizer, &LocalizerConfig::FILES)?;
         let is_file = self.simulator.world.contains('/');
         let of_files: &[&str] = if is_file { &["record", "world"] } else { &["record"] };
         let simulator = self.simulates().then(|| without(&self.simulator, of_files)).transpose()?;
-        Ok(toml::to_string(&Provenance { odometry, localization, localizer, mapper, simulator, robot })?)
+        Ok(toml::to_string(&Provenance { odometry, slam, localization, localizer, mapper, simulator, robot })?)
     }
 }
 

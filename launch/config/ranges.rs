@@ -29,6 +29,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     add("simulator", refused(&config.simulator, |section| section.validate()));
     add("pioneer", refused(&config.pioneer, |section| section.validate()));
     add("odometry", refused(&config.odometry, |section| section.validate()));
+    add("slam", refused(&config.slam, |section| section.validate()));
     add("localization", refused(&config.localization, |section| section.validate()));
     add("localizer", refused(&config.localizer, |section| section.validate()));
     add("mapper", refused(&config.mapper, |section| section.validate()));

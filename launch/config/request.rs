@@ -27,6 +27,8 @@ pub struct LoadRequest {
     pub resume: bool,
     /// `--sensor`: the name of a built-in sensor, or an executable.
     pub sensor: Option<String>,
+    /// `--slam`: poses are corrected where a lidar sees the same again.
+    pub slam: bool,
     /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`) or of a reference path.
     pub fix: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
@@ -48,7 +50,7 @@ pub struct LoadRequest {
 impl LoadRequest {
     /// What the command line sets, in rising precedence.
     pub(crate) fn settings(&self, graph: &[Setting], base: &Path) -> Findings {
-        let sensor_key = format!("services.{}.exec", sensor_name(graph));
+        let sensor_key = format!("services.{}.exec", name_of(graph, ServiceKind::Sensor));
         let sensor = self.sensor.as_ref().map(|sensor| match Builtin::from_name(sensor) {
             Some(builtin) => format!("{BUILTIN_PREFIX}{}", builtin.name()),
             None => sensor.clone(),
@@ -78,6 +80,11 @@ impl LoadRequest {
                 found.add(argument::assign(key, value, &Source::argument(&format!("{flag} {value}"), Some(base))));
             }
         }
+        if self.slam {
+            let key = format!("services.{}.exec", name_of(graph, ServiceKind::Odometry));
+            let slam = format!("{BUILTIN_PREFIX}{}", Builtin::Slam.name());
+            found.add(argument::assign(&key, &slam, &Source::argument("--slam", Some(base))));
+        }
         if let Some(every) = &self.fix_every {
             let source = Source::argument(&format!("--fix-every {every}"), Some(base));
             found.add(argument::assign("localization.ask", "schedule", &source));
@@ -103,14 +110,14 @@ fn fix_file(text: &str) -> Option<(&'static str, &'static str)> {
     }
 }
 
-/// The name of the service that is the sensor.
-fn sensor_name(graph: &[Setting]) -> &str {
-    let sensor = ServiceKind::Sensor.word();
+/// The name of the service of a kind that there is one of.
+fn name_of(graph: &[Setting], kind: ServiceKind) -> &str {
+    let word = kind.word();
     let named = graph.iter().find_map(|setting| match setting.path.as_slice() {
         [services, name, key] if services == "services" && key == "kind" => {
-            (setting.value.as_str() == Some(sensor)).then_some(name.as_str())
+            (setting.value.as_str() == Some(word)).then_some(name.as_str())
         }
         _ => None,
     });
-    named.unwrap_or(sensor)
+    named.unwrap_or(word)
 }

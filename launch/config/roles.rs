@@ -16,12 +16,19 @@ const LAUNCHERS_OWN: [&str; 4] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGR
 /// What keeps the services from being a graph.
 pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     let counts = ServiceKind::ALL.into_iter().filter_map(|kind| count(config, kind));
-    let unasked = nobody_to_ask(config, origins);
+    let unasked = nobody_to_ask(config, origins).into_iter().chain(slam_asks_nobody(config));
     let each = config.services.iter().flat_map(|(name, service)| {
         let of_service = service_problems(config, name, service, origins);
         of_service.into_iter().chain(wiring_problems(config, name, service, origins))
     });
     counts.chain(unasked).chain(each).collect()
+}
+
+/// SLAM finds its own way, and takes no fix.
+fn slam_asks_nobody(config: &Config) -> Option<Problem> {
+    let message = "SLAM finds its own way and asks nobody where the robot is: leave out either --slam or --fix";
+    let both = config.does_slam() && config.has_localizer();
+    both.then(|| Problem { origin: None, key: "localizer.source".to_owned(), value: None, message: message.to_owned() })
 }
 
 /// A schedule for localizations that nobody makes.

@@ -142,6 +142,8 @@ pub enum Builtin {
     Pioneer,
     /// Dead reckoning and its error.
     Odometry,
+    /// Poses that are corrected where a lidar sees the same again.
+    Slam,
     /// Absolute localizations.
     Localizer,
     /// The grid.
@@ -158,8 +160,8 @@ impl Builtin {
     }
 
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Replay, Self::Simulator, Self::Pioneer, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 8] =
+        [Self::Replay, Self::Simulator, Self::Pioneer, Self::Odometry, Self::Slam, Self::Localizer, Self::Mapper, Self::Publisher];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]
@@ -169,6 +171,7 @@ impl Builtin {
             Self::Simulator => "simulator",
             Self::Pioneer => "pioneer",
             Self::Odometry => "odometry",
+            Self::Slam => "slam",
             Self::Localizer => "localizer",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
@@ -180,7 +183,7 @@ impl Builtin {
     pub fn kind(self) -> ServiceKind {
         match self {
             Self::Replay | Self::Simulator | Self::Pioneer => ServiceKind::Sensor,
-            Self::Odometry => ServiceKind::Odometry,
+            Self::Odometry | Self::Slam => ServiceKind::Odometry,
             Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
             Self::Publisher => ServiceKind::Publisher,
@@ -200,7 +203,8 @@ impl TryFrom<String> for Exec {
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
             Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
-                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:localizer, builtin:mapper or builtin:publisher",
+                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:slam, builtin:localizer, builtin:mapper or \
+                 builtin:publisher",
             )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),

@@ -9,6 +9,7 @@ use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
+use echogrid_slam::SlamConfig;
 use serde::{Deserialize, Serialize};
 
 use super::super::robot::FILE_ENDING;
@@ -20,7 +21,9 @@ use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
 pub(crate) static GRAPH: &[&Section] =
-    &[&RUN, &REPLAY, &SIMULATOR, &PIONEER, &ODOMETRY, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION];
+    &[
+        &RUN, &REPLAY, &SIMULATOR, &PIONEER, &ODOMETRY, &SLAM, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION,
+    ];
 
 static RUN: Section = Section {
     name: "run",
@@ -234,6 +237,44 @@ pub(crate) static ODOMETRY: Section = Section {
     ],
     probe: probe::<OdometryConfig>,
     defaults: defaults::<OdometryConfig>,
+};
+
+static SLAM: Section = Section {
+    name: "slam",
+    about: "what builtin:slam does (--slam): poses corrected where a lidar sees the same again",
+    keys: &[
+        words(
+            "odometry",
+            &["use", "ignore"],
+            "one of use, ignore",
+            "use: the odometry says where the next scan lies, as exactly as [odometry] says; ignore: the lidar alone tells the way",
+        ),
+        key("node_every_m", "a number of metres", "metres of way from scan to scan that is laid on those before it"),
+        key("node_every_rad", "a number of radians", "radians of turn, likewise"),
+        key("closure_after_m", "a number of metres", "metres of way after which a place counts as visited again"),
+        key(
+            "closure_every_m",
+            "a number of metres",
+            "metres of way from search to search for places that were visited before",
+        ),
+        key(
+            "closure_score_min",
+            "a number from 0.3 to 1",
+            "share of the points that must lie on walls where a place is recognised; three that agree need three quarters of it",
+        ),
+        key(
+            "closure_margin",
+            "a number from 0 to 0.5",
+            "by how much the next best place must score less; else the place is not told apart, and not taken",
+        ),
+        key(
+            "refine_rounds",
+            "a whole number from 0 to 10",
+            "rounds in which all scans of one place are laid on each other at the end",
+        ),
+    ],
+    probe: probe::<SlamConfig>,
+    defaults: defaults::<SlamConfig>,
 };
 
 static LOCALIZATION: Section = Section {

@@ -14,7 +14,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot, SensorKind,
+    Chunks, GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot, SensorKind,
     TILE_CELLS, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
@@ -71,6 +71,9 @@ pub struct MapperService {
     trajectory: Trajectory,
     /// Scans whose poses are not known yet.
     waiting: VecDeque<Scan>,
+    /// How many have waited, and what of them is saved.
+    waited: u64,
+    waiting_saved: Chunks,
     /// By the last verdict of each reading: a fix may change one.
     counts: VerdictCounts,
     /// Readings fused again after a fix, and readings that no fix can change any more though one came.
@@ -104,6 +107,8 @@ impl MapperService {
             mapper: None,
             trajectory: Trajectory::default(),
             waiting: VecDeque::new(),
+            waited: 0,
+            waiting_saved: Chunks::new(saving::WAITING_CHUNK),
             counts: VerdictCounts::default(),
             remapped: (0, 0),
             sonar_counts: Vec::new(),
@@ -214,6 +219,7 @@ impl MapperService {
             return;
         }
         let Some(scan) = self.waiting.pop_front() else { return };
+        self.waited += 1;
         let verdicts = self.integrate(&scan);
         self.trajectory.forget_before(scan.stamp_ns);
         self.scans += 1;

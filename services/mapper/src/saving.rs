@@ -4,26 +4,29 @@
 //! |---|---|
 //! | `service` | counts, what is due when, what waits |
 //! | `robot` | its description |
+//! | `waiting/n` | scans whose poses are not known yet, the n-th 64 |
 //! | `trajectory/n` | estimates that scans still need, the n-th 256 |
 //! | `scans/n` | numbers and stamps of the scans of the kept readings, the n-th 1024 |
 
-use std::collections::VecDeque;
-
 use anyhow::{Result, bail};
-use echogrid_core::{GridMapper, OdometryConfig, Parts, Robot, Saved, SavedError, VerdictCounts};
+use echogrid_core::{Chunks, GridMapper, OdometryConfig, Parts, Robot, Saved, SavedError, VerdictCounts};
 use serde::{Deserialize, Serialize};
 
+use crate::MapperService;
 use crate::trajectory::{Trajectory, TrajectoryState};
-use crate::{MapperService, Scan};
 
 const STATE: &str = "service";
 const ROBOT: &str = "robot";
+const WAITING: &str = "waiting/";
+/// Scans that are saved as one part while they wait.
+pub(crate) const WAITING_CHUNK: u64 = 64;
 
 #[derive(Debug, Serialize, Deserialize)]
 struct State {
     has_robot: bool,
     trajectory: TrajectoryState,
-    waiting: VecDeque<Scan>,
+    /// Scans that have waited, and those that have come.
+    waited: (u64, u64),
     counts: VerdictCounts,
     remapped: (u64, u64),
     sonar_counts: Vec<VerdictCounts>,
@@ -48,10 +51,12 @@ impl MapperService {
             parts.put_value(ROBOT, robot);
             self.robot_saved = true;
         }
+        let waited = (self.waited, self.waited + self.waiting.len() as u64);
+        self.waiting_saved.save(parts, WAITING, self.waited, &self.waiting);
         let state = State {
             has_robot: self.robot.is_some(),
             trajectory: self.trajectory.save(parts),
-            waiting: self.waiting.clone(),
+            waited,
             counts: self.counts,
             remapped: self.remapped,
             sonar_counts: self.sonar_counts.clone(),
@@ -78,6 +83,8 @@ impl MapperService {
         let mapper =
             robot.clone().map(|robot| GridMapper::restore(&self.config, noise, seed, robot, saved)).transpose()?;
         let trajectory = Trajectory::restore(saved, state.trajectory)?;
+        let (waited, come) = state.waited;
+        let (waiting_saved, waiting) = Chunks::restore(WAITING_CHUNK, saved, WAITING, waited, come)?;
         match (&mut self.readings_file, state.scans_kept) {
             (Some(file), Some(scans)) => {
                 file.restore(saved, scans)?;
@@ -91,7 +98,9 @@ impl MapperService {
             robot,
             mapper,
             trajectory,
-            waiting: state.waiting,
+            waiting,
+            waited,
+            waiting_saved,
             counts: state.counts,
             remapped: state.remapped,
             sonar_counts: state.sonar_counts,

@@ -7,8 +7,8 @@ use crate::cloud::Cloud;
 use crate::correlate::{Except, Field, Window};
 use crate::front::{believed, believed_but_along};
 use crate::graph::{Edge, Kind};
-use crate::matching::point_to_line;
-use crate::matrix::Matrix;
+use crate::matching::{point_to_line, seen_from};
+use crate::matrix::{self, Matrix};
 use crate::scan::Points;
 use crate::slam::Slam;
 
@@ -42,8 +42,10 @@ const KERNEL: f64 = 50.0;
 const ELSEWHERE_M: f64 = 0.8;
 /// Two closures speak of the same loop if there is less way between them than this, at both ends, metres.
 const SAME_LOOP_M: f64 = 15.0;
-/// Weak closures that must agree before they count.
-const WEAK_SUPPORT: u32 = 2;
+/// Weak closures that must agree with another before they count, and the way over which they must be spread, metres: what looks alike
+/// from one place looks alike from the next, too.
+const WEAK_SUPPORT: usize = 2;
+const WEAK_SPAN_M: f64 = 3.0;
 
 /// What became of a closure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,7 +60,7 @@ pub enum Standing {
 }
 
 /// Two scans that show the same place.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Closure {
     /// The node that was visited first.
     pub from: u32,
@@ -89,9 +91,8 @@ pub struct Closure {
 }
 
 impl Slam {
-    /// Looks whether the last node is at a place that was visited before; whether something was found.
-    pub(crate) fn look_for_closures(&mut self) -> bool {
-        let last = self.nodes.len() - 1;
+    /// Looks whether this node is at a place that was visited before it; whether something was found.
+    pub(crate) fn look_for_closures(&mut self, last: usize) -> bool {
         let query = self.query(last);
         if query.len() < 40 {
             return false;
@@ -99,6 +100,10 @@ impl Slam {
         let ways_mm = self.ways_mm(last);
         let mut found = false;
         for place in self.places(last, &ways_mm) {
+            let is_known = |closure: &Closure| closure.to as usize == last && closure.from as usize == place;
+            if self.drive.closures.iter().any(is_known) {
+                continue;
+            }
             if let Some(closure) = self.recognise(place, last, &query, ways_mm[place] as f64 * 1e-3) {
                 found |= self.judge(closure);
             }
@@ -108,13 +113,13 @@ impl Slam {
 
     /// The nodes to try: the nearest of each pass.
     fn places(&self, last: usize, ways_mm: &[u64]) -> Vec<usize> {
-        let at = self.graph.poses[last];
+        let at = self.drive.graph.poses[last];
         let mut near: Vec<(f64, usize)> = Vec::new();
-        for (index, node) in self.nodes[..last].iter().enumerate() {
-            if self.nodes[last].way_m - node.way_m < self.config.closure_after_m {
+        for (index, node) in self.drive.nodes[..last].iter().enumerate() {
+            if self.drive.nodes[last].way_m - node.way_m < self.config.closure_after_m {
                 break;
             }
-            let apart = self.graph.poses[index].distance_m(at);
+            let apart = self.drive.graph.poses[index].distance_m(at);
             if apart < 2.0 + drift_m(ways_mm[index] as f64 * 1e-3) {
                 near.push((apart, index));
             }
@@ -125,7 +130,7 @@ impl Slam {
             if chosen.len() >= PLACES {
                 break;
             }
-            let apart = |other: &usize| (self.nodes[*other].way_m - self.nodes[index].way_m).abs();
+            let apart = |other: &usize| (self.drive.nodes[*other].way_m - self.drive.nodes[index].way_m).abs();
             if chosen.iter().all(|other| apart(other) > PLACES_APART_M) {
                 chosen.push(index);
             }
@@ -138,23 +143,23 @@ impl Slam {
         let mut chosen = vec![last];
         for index in (0..last).rev() {
             let nearest = chosen[chosen.len() - 1];
-            if chosen.len() >= QUERY_SCANS || self.nodes[last].way_m - self.nodes[index].way_m > QUERY_M {
+            if chosen.len() >= QUERY_SCANS || self.drive.nodes[last].way_m - self.drive.nodes[index].way_m > QUERY_M {
                 break;
             }
-            if self.nodes[nearest].way_m - self.nodes[index].way_m > 0.4 {
+            if self.drive.nodes[nearest].way_m - self.drive.nodes[index].way_m > 0.4 {
                 chosen.push(index);
             }
         }
-        let back = self.graph.poses[last].inverse();
+        let back = self.drive.graph.poses[last].inverse();
         let mut query = Points::default();
         for (turn, index) in chosen.iter().enumerate() {
-            let pose = back * self.graph.poses[*index];
+            let pose = back * self.drive.graph.poses[*index];
             let (s, c) = libm::sincos(pose.theta);
-            let points = &self.nodes[*index].points;
-            let each = points.at.iter().zip(&points.normals).skip(turn % chosen.len()).step_by(chosen.len().min(2));
+            let points = &self.drive.nodes[*index].points;
+            let each = points.iter().skip(turn % chosen.len()).step_by(chosen.len().min(2));
             for (p, n) in each.filter(|(p, _)| p[0] * p[0] + p[1] * p[1] < POINT_REACH_M * POINT_REACH_M) {
-                query.at.push([pose.x + c * p[0] - s * p[1], pose.y + s * p[0] + c * p[1]]);
-                query.normals.push([c * n[0] - s * n[1], s * n[0] + c * n[1]]);
+                let at = [pose.x + c * p[0] - s * p[1], pose.y + s * p[0] + c * p[1]];
+                query.push(at, [c * n[0] - s * n[1], s * n[0] + c * n[1]]);
             }
         }
         query
@@ -162,7 +167,7 @@ impl Slam {
 
     /// The scans about a node, seen from it.
     fn place(&self, about: usize, before: usize) -> Cloud {
-        let way_m = |index: usize| self.nodes[index].way_m;
+        let way_m = |index: usize| self.drive.nodes[index].way_m;
         let (mut low, mut high) = (about, about);
         while low > 0 && way_m(about) - way_m(low) < PLACE_M && about - low < PLACE_SCANS {
             low -= 1;
@@ -170,20 +175,17 @@ impl Slam {
         while high + 1 < before && way_m(high) - way_m(about) < PLACE_M && high - about < PLACE_SCANS {
             high += 1;
         }
-        let scans = (low..=high).map(|index| (self.graph.poses[index], &self.nodes[index].points));
-        Cloud::of(self.graph.poses[about], scans)
+        let scans = (low..=high).map(|index| (self.drive.graph.poses[index], &self.drive.nodes[index].points));
+        Cloud::of(self.drive.graph.poses[about], scans)
     }
 
     fn recognise(&mut self, place: usize, last: usize, query: &Points, loop_m: f64) -> Option<Closure> {
-        self.tries += 1;
+        self.drive.tries += 1;
         let cloud = self.place(place, last);
-        let guess = self.graph.poses[place].inverse() * self.graph.poses[last];
-        let window = Window {
-            guess,
-            half_side_m: 0.6 + drift_m(loop_m),
-            half_turn_rad: (0.12 + 0.001 * loop_m).min(0.5),
-        };
-        let sparse: Vec<[f64; 2]> = query.at.iter().step_by(query.len() / 250 + 1).copied().collect();
+        let guess = self.drive.graph.poses[place].inverse() * self.drive.graph.poses[last];
+        let window =
+            Window { guess, half_side_m: 0.6 + drift_m(loop_m), half_turn_rad: (0.12 + 0.001 * loop_m).min(0.5) };
+        let sparse: Vec<[f64; 2]> = query.iter().step_by(query.len() / 250 + 1).map(|(at, _)| at).collect();
         let mut field = Field::of(cloud.points(), 25.0);
         let strong = self.config.closure_score_min;
         let best = field.search(&sparse, &window, WEAK * strong, None)?;
@@ -202,7 +204,7 @@ impl Slam {
             let across = (along[0] * dy - along[1] * dx).abs();
             let turn = (laid.pose.inverse() * second.pose).theta.abs();
             if across > 0.2 + 0.1 * libm::hypot(dx, dy) || turn > 0.1 {
-                self.ambiguous += 1;
+                self.drive.ambiguous += 1;
                 return None;
             }
             slides = true;
@@ -210,7 +212,7 @@ impl Slam {
         if slides {
             let (dx, dy) = (guess.x - laid.pose.x, guess.y - laid.pose.y);
             if (along[0] * dy - along[1] * dx).abs() > ACROSS_MAX_M || off.theta.abs() > TURN_MAX_RAD {
-                self.ambiguous += 1;
+                self.drive.ambiguous += 1;
                 return None;
             }
         }
@@ -241,22 +243,26 @@ impl Slam {
     /// Takes a closure down, and applies it with those that agree with it; whether the graph is another now.
     fn judge(&mut self, mut closure: Closure) -> bool {
         let agreeing: Vec<usize> =
-            (0..self.closures.len()).filter(|index| self.agree(&self.closures[*index], &closure)).collect();
+            (0..self.drive.closures.len()).filter(|index| self.agree(&self.drive.closures[*index], &closure)).collect();
         closure.support = agreeing.len() as u32;
-        let number = self.closures.len();
-        self.closures.push(closure);
+        let number = self.drive.closures.len();
+        self.drive.closures.push(closure);
         for index in &agreeing {
-            self.closures[*index].support += 1;
+            self.drive.closures[*index].support += 1;
         }
-        let strong = agreeing.iter().chain([&number]).filter(|index| self.closures[**index].is_strong).count();
-        if agreeing.is_empty() || strong == 0 && agreeing.len() < WEAK_SUPPORT as usize {
+        let all = || agreeing.iter().chain([&number]).map(|index| &self.drive.closures[*index]);
+        let way_m = |closure: &Closure| self.drive.nodes[closure.to as usize].way_m;
+        let span_m =
+            all().map(way_m).fold(f64::NEG_INFINITY, f64::max) - all().map(way_m).fold(f64::INFINITY, f64::min);
+        let strong = all().filter(|closure| closure.is_strong).count();
+        if agreeing.is_empty() || strong == 0 && (agreeing.len() < WEAK_SUPPORT || span_m < WEAK_SPAN_M) {
             return false;
         }
         for index in agreeing.iter().copied().chain([number]) {
-            let closure = &mut self.closures[index];
+            let closure = &mut self.drive.closures[index];
             if closure.standing == Standing::Alone {
                 closure.standing = Standing::Applied;
-                self.graph.edges.push(Edge {
+                self.drive.graph.edges.push(Edge {
                     from: closure.from,
                     to: closure.to,
                     measured: closure.measured,
@@ -269,14 +275,27 @@ impl Slam {
         true
     }
 
+    /// Takes back what the graph, solved, is against. (It counts for hardly anything there by then: the kernel saw to it.)
+    pub(crate) fn take_back(&mut self) {
+        for closure in &mut self.drive.closures {
+            let (from, to) = (closure.from as usize, closure.to as usize);
+            let lies = self.drive.graph.poses[from].inverse() * self.drive.graph.poses[to];
+            let chi2 = matrix::quadratic(&closure.information, &seen_from(closure.measured, lies));
+            if closure.standing == Standing::Applied && chi2 > KERNEL {
+                closure.standing = Standing::TakenBack;
+            }
+        }
+    }
+
     /// Whether two closures of one loop lead round it to where it began.
     fn agree(&self, a: &Closure, b: &Closure) -> bool {
-        let way = |i: u32, j: u32| (self.nodes[i as usize].way_m - self.nodes[j as usize].way_m).abs();
+        let way = |i: u32, j: u32| (self.drive.nodes[i as usize].way_m - self.drive.nodes[j as usize].way_m).abs();
         let (near, far) = (way(a.from, b.from), way(a.to, b.to));
         if near > SAME_LOOP_M || far > SAME_LOOP_M || a.to == b.to {
             return false;
         }
-        let between = |i: u32, j: u32| self.graph.poses[i as usize].inverse() * self.graph.poses[j as usize];
+        let between =
+            |i: u32, j: u32| self.drive.graph.poses[i as usize].inverse() * self.drive.graph.poses[j as usize];
         let there = between(b.from, a.from);
         let round = there * a.measured * between(a.to, b.to) * b.measured.inverse();
         let mut off = [round.x, round.y];

@@ -39,7 +39,7 @@ impl Cloud {
         for (pose, points) in scans {
             let Pose2 { x, y, theta } = origin_from_map * pose;
             let (s, c) = libm::sincos(theta);
-            for (point, normal) in points.at.iter().zip(&points.normals) {
+            for (point, normal) in points.iter() {
                 let placed = [x + c * point[0] - s * point[1], y + s * point[0] + c * point[1]];
                 if placed[0].abs() < HALF_SIDE_M && placed[1].abs() < HALF_SIDE_M {
                     at.push(placed);
@@ -76,7 +76,8 @@ impl Cloud {
             starts[index] += starts[index - 1];
         }
         let mut next = starts.clone();
-        let mut sorted = Self { at: vec![[0.0; 2]; at.len()], normals: vec![[0.0; 2]; at.len()], low, columns, rows, starts };
+        let mut sorted =
+            Self { at: vec![[0.0; 2]; at.len()], normals: vec![[0.0; 2]; at.len()], low, columns, rows, starts };
         for (point, normal) in at.iter().zip(normals) {
             let place = &mut next[cell(point)];
             sorted.at[*place as usize] = *point;
@@ -131,7 +132,9 @@ mod tests {
             points in prop::collection::vec(prop::array::uniform2(-5.0..5.0f64), 1..60),
             to in prop::array::uniform2(-7.0..7.0f64), radius_m in 0.05..1.5f64,
         ) {
-            let scan = Points { normals: vec![[1.0, 0.0]; points.len()], at: points.clone() };
+            let mut scan = Points::default();
+            points.iter().for_each(|at| scan.push(*at, [1.0, 0.0]));
+            let points: Vec<[f64; 2]> = scan.iter().map(|(at, _)| at).collect();
             let cloud = Cloud::of(Pose2::IDENTITY, [(Pose2::IDENTITY, &scan)]);
             let squared = |p: &[f64; 2]| (p[0] - to[0]) * (p[0] - to[0]) + (p[1] - to[1]) * (p[1] - to[1]);
             let expected = points.iter().map(squared).fold(f64::INFINITY, f64::min);

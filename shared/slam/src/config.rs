@@ -1,5 +1,6 @@
 //! What can be set: the `[slam]` section of a configuration.
 
+use echogrid_core::ConfigError;
 use serde::{Deserialize, Serialize};
 
 /// Whether the odometry is believed.
@@ -49,18 +50,6 @@ impl Default for SlamConfig {
     }
 }
 
-/// A value out of its range.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{key} = {value}: expected {expected}")]
-pub struct ConfigError {
-    /// The key within its section.
-    pub key: &'static str,
-    /// What was given.
-    pub value: f64,
-    /// What would have been right.
-    pub expected: &'static str,
-}
-
 impl SlamConfig {
     /// Checks every value.
     ///
@@ -68,7 +57,8 @@ impl SlamConfig {
     /// The first that is out of range.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let within = |key, value: f64, low: f64, high: f64, expected| {
-            if value >= low && value <= high { Ok(()) } else { Err(ConfigError { key, value, expected }) }
+            let fits = value >= low && value <= high;
+            if fits { Ok(()) } else { Err(ConfigError { key, value: value.to_string(), expected }) }
         };
         within("node_every_m", self.node_every_m, 0.02, 2.0, "metres, 0.02 to 2")?;
         within("node_every_rad", self.node_every_rad, 0.01, 1.0, "radians, 0.01 to 1")?;

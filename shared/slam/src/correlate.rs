@@ -194,13 +194,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(
-        field: &'a Field,
-        points: &[[f64; 2]],
-        window: &Window,
-        half: i32,
-        except: Option<&Except>,
-    ) -> Self {
+    fn new(field: &'a Field, points: &[[f64; 2]], window: &Window, half: i32, except: Option<&Except>) -> Self {
         let guess = window.guess;
         let farthest = points.iter().map(|p| libm::hypot(p[0], p[1])).fold(3.0, f64::max).min(15.0);
         let step_rad = libm::acos(1.0 - CELL_M * CELL_M / (2.0 * farthest * farthest));

@@ -5,7 +5,7 @@ use echogrid_core::{Increment, OdometryConfig, Pose2, move_by};
 use crate::cloud::Cloud;
 use crate::config::UseOdometry;
 use crate::correlate::{Field, Window};
-use crate::graph::{Edge, Kind};
+use crate::graph::{Edge, Kind, straightened};
 use crate::matching::{Match, point_to_line};
 use crate::matrix::{self, Matrix};
 use crate::scan::Points;
@@ -24,14 +24,14 @@ const INLIERS_MIN: f64 = 0.3;
 const INLIERS_ALONE_MIN: f64 = 0.5;
 /// The least noise of a drive that nobody calibrated, variance per metre and per radian: larger than the paper's, as a scan
 /// that lies badly is worse than one that is laid by the lidar alone.
-const NOISE_MIN: [f64; 4] = [2e-3, 1e-4, 1e-2, 2e-3];
+const NOISE_MIN: [f64; 4] = [2e-3, 1e-4, 5e-3, 5e-4];
 /// What remains of a speed without odometry until the next scan: it may brake.
 const KEEPS_ON: f64 = 0.5;
 /// The fastest robot that is followed without odometry, m/s and rad/s.
 const FASTEST: (f64, f64) = (1.5, 1.5);
 
 /// How exact the odometry's steps are.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Noise {
     k: [f64; 4],
     scale_sigma: f64,
@@ -80,22 +80,23 @@ pub(crate) fn believed_but_along(information: &Matrix, along: [f64; 2]) -> Matri
 impl Slam {
     /// Adds a node for this scan, and the edges to the node before.
     pub(crate) fn track(&mut self, node: Node) {
-        let Some(last) = self.nodes.last() else {
-            self.graph.poses.push(node.odom_from_base);
-            self.nodes.push(node);
+        let Some(last) = self.drive.nodes.last() else {
+            self.drive.graph.poses.push(node.odom_from_base);
+            self.drive.nodes.push(node);
             return;
         };
         let seconds = node.stamp_ns.saturating_sub(last.stamp_ns) as f64 * 1e-9;
         let measured = Increment::between(last.odom_from_base, node.odom_from_base);
         let is_alone = self.config.odometry == UseOdometry::Ignore;
         let guess = if is_alone {
-            let (share, way) = (KEEPS_ON * seconds.min(0.5), self.speed);
+            let (share, way) = (KEEPS_ON * seconds.min(0.5), self.drive.speed);
             Pose2::new(way[0] * share, way[1] * share, way[2] * share)
         } else {
-            let [lin, ang] = self.graph.scales;
+            let [lin, ang, _] = self.drive.graph.scales;
             move_by(Pose2::IDENTITY, measured.corrected(lin, ang))
         };
-        let prior = if is_alone { matrix::diagonal([25.0, 100.0, 50.0]) } else { self.noise.information(measured, true) };
+        let prior =
+            if is_alone { matrix::diagonal([25.0, 100.0, 50.0]) } else { self.noise.information(measured, true) };
         let found = self.lay(&node.points, guess, &prior, if is_alone { Some(seconds) } else { None });
         let is_slow = |pose: Pose2| {
             libm::hypot(pose.x, pose.y) < 0.1 + FASTEST.0 * seconds && pose.theta.abs() < 0.1 + FASTEST.1 * seconds
@@ -106,49 +107,51 @@ impl Slam {
             None => false,
         };
         let step = match found {
-            Some(found) if holds => found.pose,
+            Some(found) if holds => straightened(found.pose, self.drive.graph.scales[2]),
             _ if is_alone => Pose2::IDENTITY,
             _ => guess,
         };
         if seconds > 0.0 {
-            self.speed = [step.x / seconds, step.y / seconds, step.theta / seconds];
+            self.drive.speed = [step.x / seconds, step.y / seconds, step.theta / seconds];
         }
-        let (from, to) = (self.nodes.len() as u32 - 1, self.nodes.len() as u32);
+        let (from, to) = (self.drive.nodes.len() as u32 - 1, self.drive.nodes.len() as u32);
         let edge = |measured, information, kind| Edge { from, to, measured, information, kernel: 0.0, kind };
-        self.graph.edges.push(if is_alone {
+        self.drive.graph.edges.push(if is_alone {
             edge(step, matrix::diagonal(if holds { [1.0; 3] } else { [100.0; 3] }), Kind::Match)
         } else {
             edge(guess, self.noise.information(measured, false), Kind::Odometry(measured))
         });
         if let Some(found) = found.filter(|_| holds) {
-            self.graph.edges.push(edge(found.pose, believed(&found.information), Kind::Match));
+            self.drive.graph.edges.push(edge(found.pose, believed(&found.information), Kind::Match));
         } else {
-            self.lost += 1;
+            self.drive.lost += 1;
         }
-        let pose = self.graph.poses[from as usize] * step;
-        self.graph.poses.push(pose);
+        let pose = self.drive.graph.poses[from as usize] * step;
+        self.drive.graph.poses.push(pose);
         let way_m = last.way_m + libm::hypot(step.x, step.y);
-        self.nodes.push(Node { way_m, ..node });
+        self.drive.nodes.push(Node { way_m, ..node });
     }
 
     /// The scans of the last metres, seen from the last node.
     fn local_map(&self) -> Cloud {
-        let last = self.nodes.len() - 1;
+        let last = self.drive.nodes.len() - 1;
         let mut chosen: Vec<usize> = Vec::new();
         for index in (0..=last).rev() {
-            if chosen.len() >= LOCAL_MAP_SCANS || self.nodes[last].way_m - self.nodes[index].way_m >= LOCAL_MAP_M {
+            if chosen.len() >= LOCAL_MAP_SCANS
+                || self.drive.nodes[last].way_m - self.drive.nodes[index].way_m >= LOCAL_MAP_M
+            {
                 break;
             }
             let is_new = chosen.last().is_none_or(|&near| {
-                self.nodes[near].way_m - self.nodes[index].way_m > SAME
-                    || (self.graph.poses[near].inverse() * self.graph.poses[index]).theta.abs() > SAME
+                self.drive.nodes[near].way_m - self.drive.nodes[index].way_m > SAME
+                    || (self.drive.graph.poses[near].inverse() * self.drive.graph.poses[index]).theta.abs() > SAME
             });
             if is_new {
                 chosen.push(index);
             }
         }
-        let scans = chosen.iter().map(|&index| (self.graph.poses[index], &self.nodes[index].points));
-        Cloud::of(self.graph.poses[last], scans)
+        let scans = chosen.iter().map(|&index| (self.drive.graph.poses[index], &self.drive.nodes[index].points));
+        Cloud::of(self.drive.graph.poses[last], scans)
     }
 
     fn lay(&self, points: &Points, guess: Pose2, prior: &Matrix, alone_s: Option<f64>) -> Option<Match> {
@@ -161,7 +164,7 @@ impl Slam {
             None => (0.15 + 0.1 * libm::hypot(guess.x, guess.y), 0.08 + 0.1 * guess.theta.abs()),
         };
         let seen: Vec<[f64; 2]> =
-            points.at.iter().step_by(2).filter(|p| p[0] * p[0] + p[1] * p[1] < 121.0).copied().collect();
+            points.iter().step_by(2).map(|(p, _)| p).filter(|p| p[0] * p[0] + p[1] * p[1] < 121.0).collect();
         let mut start = guess;
         if seen.len() > 20 {
             let mut field = Field::of(cloud.points(), 12.0);
@@ -173,4 +176,3 @@ impl Slam {
         Some(point_to_line(&cloud, points, start, Some(prior), &RADII_M))
     }
 }
-

@@ -3,7 +3,8 @@
 //! An edge measures how pose j lies, seen from pose i: e = z⁻¹ (xᵢ⁻¹ xⱼ), of information Ω. Edges that may be wrong have a kernel
 //! ρ(χ²) = k χ²/(k + χ²) (Geman and McClure), which counts less what does not fit; it is made narrow in steps (graduated
 //! non-convexity: Yang, Antonante, Tzoumas, Carlone 2020), as a narrow one would throw out every true loop closure of a long drive. What the
-//! odometry measures too much is an unknown constant of the whole drive: two more variables, with a prior.
+//! odometry measures too much is an unknown constant of the whole drive, and so is by how much matching turns a drive on each metre (a lidar's
+//! ranges depend on how it looks at a wall): three more variables, with priors.
 
 use echogrid_core::{Increment, Pose2, move_by, wrap_angle};
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,7 @@ use crate::solver::{Factors, Place, Structure, System};
 pub enum Kind {
     /// The drive measured this step, which the scales correct.
     Odometry(Increment),
-    /// A scan was laid on those shortly before.
+    /// A scan was laid on those shortly before; `to` comes after `from` on the way.
     Match,
     /// A place was recognised; its number among all closures.
     Closure(u32),
@@ -57,10 +58,10 @@ pub struct Anchor {
 pub struct Graph {
     /// Of the nodes, in order.
     pub poses: Vec<Pose2>,
-    /// What the odometry measures too much, as a share: of translation, of rotation.
-    pub scales: [f64; 2],
-    /// One standard deviation of what they may be; 0: they are known to be 0.
-    pub scale_sigma: f64,
+    /// What the odometry measures too much, as a share, of translation and of rotation; and what matches turn too much, radians per metre.
+    pub scales: [f64; 3],
+    /// One standard deviation of what each may be; 0: it is known to be 0.
+    pub scale_sigmas: [f64; 3],
     /// What was measured.
     pub edges: Vec<Edge>,
     /// What is known from elsewhere. Without one the first pose is held.
@@ -73,10 +74,12 @@ const STEPS: usize = 5;
 
 impl Edge {
     /// z with the scales taken out.
-    fn expected(&self, scales: [f64; 2]) -> Pose2 {
+    #[must_use]
+    pub fn expected(&self, scales: [f64; 3]) -> Pose2 {
         match self.kind {
             Kind::Odometry(increment) => move_by(Pose2::IDENTITY, increment.corrected(scales[0], scales[1])),
-            _ => self.measured,
+            Kind::Match => straightened(self.measured, scales[2]),
+            Kind::Closure(_) | Kind::Refined => self.measured,
         }
     }
 
@@ -108,9 +111,17 @@ impl Edge {
         (matrix::product(&back, &of_a), matrix::product(&back, &of_b))
     }
 
-    /// How e changes with the scales, if it does; the third column is empty.
-    fn scale_jacobian(&self, scales: [f64; 2]) -> Option<Matrix> {
-        let Kind::Odometry(measured) = self.kind else { return None };
+    /// Whether e changes with the scales.
+    fn is_scaled(&self) -> bool {
+        matches!(self.kind, Kind::Odometry(_) | Kind::Match)
+    }
+
+    /// How e changes with the scales, if it does.
+    fn scale_jacobian(&self, scales: [f64; 3]) -> Option<Matrix> {
+        let Kind::Odometry(measured) = self.kind else {
+            let turned = [0.0, 0.0, libm::hypot(self.measured.x, self.measured.y)];
+            return self.is_scaled().then_some([[0.0; 3], [0.0; 3], turned]);
+        };
         let z = self.expected(scales);
         let whole = 1.0 / (1.0 - scales[0]);
         let (x, y) = (z.x * whole, z.y * whole);
@@ -124,6 +135,11 @@ impl Edge {
             [0.0, measured.turn_rad, 0.0],
         ])
     }
+}
+
+/// A match without what it turns too much.
+pub(crate) fn straightened(matched: Pose2, turns: f64) -> Pose2 {
+    Pose2::new(matched.x, matched.y, matched.theta - turns * libm::hypot(matched.x, matched.y))
 }
 
 /// The places of the blocks of an edge.
@@ -146,14 +162,13 @@ impl Solver {
     #[must_use]
     pub fn new(graph: &Graph) -> Self {
         let nodes = graph.poses.len();
-        let has_scales =
-            graph.scale_sigma > 0.0 && graph.edges.iter().any(|edge| matches!(edge.kind, Kind::Odometry(_)));
+        let has_scales = graph.scale_sigmas.iter().any(|sigma| *sigma > 0.0) && graph.edges.iter().any(Edge::is_scaled);
         let pairs = graph.edges.iter().map(|edge| (edge.from as usize, edge.to as usize));
         let structure = Structure::new(nodes + usize::from(has_scales), pairs, has_scales);
         let places = graph.edges.iter().map(|edge| {
             let (from, to) = (edge.from as usize, edge.to as usize);
             let poses = structure.place(from, to)?;
-            let is_scaled = has_scales && matches!(edge.kind, Kind::Odometry(_));
+            let is_scaled = has_scales && edge.is_scaled();
             let scales = || Some((structure.place(from, nodes)?, structure.place(to, nodes)?));
             Some(Places { poses, scales: if is_scaled { scales() } else { None } })
         });
@@ -210,9 +225,9 @@ impl Solver {
             system.add_diagonal(node, &matrix::diagonal([1e-6; 3]));
         }
         if self.has_scales {
-            let prior = 1.0 / (graph.scale_sigma * graph.scale_sigma);
-            system.add_diagonal(nodes, &matrix::diagonal([prior, prior, 1.0]));
-            push(nodes, [prior * graph.scales[0], prior * graph.scales[1], 0.0]);
+            let prior = graph.scale_sigmas.map(|sigma| 1.0 / (sigma * sigma).max(1e-18));
+            system.add_diagonal(nodes, &matrix::diagonal(prior));
+            push(nodes, [0, 1, 2].map(|axis| prior[axis] * graph.scales[axis]));
         }
         (system, right)
     }
@@ -231,7 +246,7 @@ impl Solver {
                 farthest = step.iter().fold(farthest, |far, value| far.max(value.abs()));
             }
             if let Some(step) = self.has_scales.then(|| step.last()).flatten() {
-                for axis in 0..2 {
+                for axis in 0..3 {
                     graph.scales[axis] = (graph.scales[axis] + step[axis]).clamp(-0.5, 0.5);
                 }
             }

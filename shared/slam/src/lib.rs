@@ -3,20 +3,23 @@
 //! As in `core` there is no I/O, clock, thread, file or message here, and no order that depends on hashes: the same readings give the
 //! same bytes on every machine. Units are SI, angles counter-clockwise in (-π, π].
 
-pub mod cloud;
 pub mod closures;
+pub mod cloud;
 pub mod config;
 pub mod correlate;
+pub mod evaluate;
 mod front;
 pub mod graph;
 mod loops;
 pub mod matching;
 pub mod matrix;
+pub mod path;
 mod refine;
+pub mod report;
 pub mod scan;
 pub mod slam;
 pub mod solver;
 
 pub use config::{SlamConfig, UseOdometry};
 pub use scan::Points;
-pub use slam::{Node, Slam};
+pub use slam::{Drive, Node, Slam};

@@ -12,9 +12,9 @@ const CLOSURE_M: f64 = 0.5;
 impl Slam {
     /// Of every node: the shortest way from `from`, in millimetres.
     pub(crate) fn ways_mm(&self, from: usize) -> Vec<u64> {
-        let count = self.nodes.len();
+        let count = self.drive.nodes.len();
         let mut jumps: Vec<Vec<usize>> = vec![Vec::new(); count];
-        for edge in self.graph.edges.iter().filter(|edge| matches!(edge.kind, Kind::Closure(_))) {
+        for edge in self.drive.graph.edges.iter().filter(|edge| matches!(edge.kind, Kind::Closure(_))) {
             jumps[edge.from as usize].push(edge.to as usize);
             jumps[edge.to as usize].push(edge.from as usize);
         }
@@ -32,10 +32,10 @@ impl Slam {
                 }
             };
             if node > 0 {
-                push(node - 1, self.nodes[node].way_m - self.nodes[node - 1].way_m);
+                push(node - 1, self.drive.nodes[node].way_m - self.drive.nodes[node - 1].way_m);
             }
             if node + 1 < count {
-                push(node + 1, self.nodes[node + 1].way_m - self.nodes[node].way_m);
+                push(node + 1, self.drive.nodes[node + 1].way_m - self.drive.nodes[node].way_m);
             }
             for jump in &jumps[node] {
                 push(*jump, CLOSURE_M);

@@ -107,7 +107,7 @@ impl Sums {
         let mut sums = Self { h: ZERO, g: [0.0; 3], lines: 0, near: 0, squares: 0.0, weights: 0.0 };
         let kernel_m = (0.33 * radius_m).max(0.03);
         let (s, c) = libm::sincos(pose.theta);
-        for (p, n) in scan.at.iter().zip(&scan.normals) {
+        for (p, n) in scan.iter() {
             let (x, y) = (pose.x + c * p[0] - s * p[1], pose.y + s * p[0] + c * p[1]);
             let Some(nearest) = cloud.nearest([x, y], radius_m) else { continue };
             sums.near += 1;

@@ -34,12 +34,14 @@ impl Slam {
         let prior: Matrix = matrix::diagonal([25.0, 25.0, 100.0]);
         let radii: &[f64] = if round == 0 { &FIRST_RADII_M } else { &RADII_M };
         let mut edges: Vec<Edge> = Vec::new();
+        let way_m = |a: usize, b: usize| (self.drive.nodes[a].way_m - self.drive.nodes[b].way_m).abs();
         for (to, fixed) in &pairs {
             // The scan that several lie on is sorted once.
-            let cloud = Cloud::of(self.graph.poses[*to], [(self.graph.poses[*to], &self.nodes[*to].points)]);
+            let cloud =
+                Cloud::of(self.drive.graph.poses[*to], [(self.drive.graph.poses[*to], &self.drive.nodes[*to].points)]);
             for from in fixed {
-                let guess = self.graph.poses[*to].inverse() * self.graph.poses[*from];
-                let found = point_to_line(&cloud, &self.nodes[*from].points, guess, Some(&prior), radii);
+                let guess = self.drive.graph.poses[*to].inverse() * self.drive.graph.poses[*from];
+                let found = point_to_line(&cloud, &self.drive.nodes[*from].points, guess, Some(&prior), radii);
                 if found.inliers > INLIERS_MIN && found.lines > LINES_MIN {
                     edges.push(Edge {
                         from: *to as u32,
@@ -47,7 +49,7 @@ impl Slam {
                         measured: found.pose,
                         information: believed(&found.information),
                         kernel: KERNEL,
-                        kind: Kind::Refined,
+                        kind: if way_m(*to, *from) < SAME_PASS_M { Kind::Match } else { Kind::Refined },
                     });
                 }
             }
@@ -59,19 +61,23 @@ impl Slam {
             Kind::Closure(_) => round == 0,
             Kind::Refined => false,
         };
-        let mut graph = self.graph.clone();
+        let mut graph = self.drive.graph.clone();
         graph.edges.retain(keeps);
         graph.edges.extend(edges);
         let solver = Solver::new(&graph);
-        if round == 0 { solver.graduate(&mut graph) } else { solver.descend(&mut graph, 5, 1.0) }
-        self.graph.poses.clone_from(&graph.poses);
-        self.graph.scales = graph.scales;
-        self.refined = graph.edges;
+        if round == 0 {
+            solver.graduate(&mut graph)
+        } else {
+            solver.descend(&mut graph, 5, 1.0)
+        }
+        self.drive.graph.poses.clone_from(&graph.poses);
+        self.drive.graph.scales = graph.scales;
+        self.drive.refined = graph.edges;
     }
 
     /// Of each node the later ones that are laid on it.
     fn neighbours(&self) -> BTreeMap<usize, Vec<usize>> {
-        let poses = &self.graph.poses;
+        let poses = &self.drive.graph.poses;
         let cell = |index: usize| ((poses[index].x / CELL_M).floor() as i64, (poses[index].y / CELL_M).floor() as i64);
         let mut cells: BTreeMap<(i64, i64), Vec<usize>> = BTreeMap::new();
         for index in 0..poses.len() {
@@ -79,9 +85,11 @@ impl Slam {
         }
         let mut pairs: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for index in 1..poses.len() {
-            let way_m = |other: usize| (self.nodes[index].way_m - self.nodes[other].way_m).abs();
+            let way_m = |other: usize| (self.drive.nodes[index].way_m - self.drive.nodes[other].way_m).abs();
             let mut partners = vec![index - 1];
-            partners.extend([2, 4, 8].iter().filter(|back| index >= **back).map(|back| index - back).filter(|at| way_m(*at) < 3.0));
+            partners.extend(
+                [2, 4, 8].iter().filter(|back| index >= **back).map(|back| index - back).filter(|at| way_m(*at) < 3.0),
+            );
             let (x, y) = cell(index);
             let mut near: Vec<(f64, usize)> = Vec::new();
             for column in x - 1..=x + 1 {
@@ -101,7 +109,7 @@ impl Slam {
                 if chosen.len() >= NEIGHBOURS {
                     break;
                 }
-                let apart = |one: &usize| (self.nodes[*one].way_m - self.nodes[other].way_m).abs();
+                let apart = |one: &usize| (self.drive.nodes[*one].way_m - self.drive.nodes[other].way_m).abs();
                 if chosen.iter().all(|one| apart(one) > APART_M) {
                     chosen.push(other);
                 }

@@ -19,10 +19,10 @@ const LONG: f64 = 4.0;
 /// Points that a lidar saw, and how the surface lies on which each of them is.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Points {
-    /// In order of the beams, metres.
-    pub at: Vec<[f64; 2]>,
+    /// In order of the beams, metres. (Single precision is exact enough, and half as large.)
+    at: Vec<[f32; 2]>,
     /// Of each: the normal of its surface, of length 1, towards the sensor; zero where there is no telling.
-    pub normals: Vec<[f64; 2]>,
+    normals: Vec<[f32; 2]>,
 }
 
 impl Points {
@@ -52,11 +52,21 @@ impl Points {
                 .collect();
             let step_rad = sensor.bearing_step_rad.abs();
             for index in 0..beams.len() {
-                points.at.push(beams[index].at);
-                points.normals.push(normal(&beams, index, step_rad));
+                points.push(beams[index].at, normal(&beams, index, step_rad));
             }
         }
         points
+    }
+
+    /// Adds a point with its normal.
+    pub fn push(&mut self, at: [f64; 2], normal: [f64; 2]) {
+        self.at.push(at.map(|value| value as f32));
+        self.normals.push(normal.map(|value| value as f32));
+    }
+
+    /// Each point with its normal.
+    pub fn iter(&self) -> impl Iterator<Item = ([f64; 2], [f64; 2])> {
+        self.at.iter().zip(&self.normals).map(|(at, normal)| (at.map(f64::from), normal.map(f64::from)))
     }
 
     /// How many there are.

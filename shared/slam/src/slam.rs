@@ -7,10 +7,16 @@ use crate::closures::Closure;
 use crate::config::{SlamConfig, UseOdometry};
 use crate::front::Noise;
 use crate::graph::{Edge, Graph, Solver};
+use crate::matrix::Matrix;
 use crate::scan::Points;
 
 /// What a drive measures too much or too little as a share, one standard deviation, where nobody says.
 const SCALE_SIGMA: f64 = 0.05;
+/// What matches turn too much, radians per metre, one standard deviation.
+const TURN_SIGMA: f64 = 1.5e-3;
+
+/// How many closures are found before the graph is solved, when the drive is over.
+const SOLVE_EVERY: u32 = 10;
 
 /// A scan that was laid on others.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,27 +31,35 @@ pub struct Node {
     pub way_m: f64,
 }
 
-/// A drive so far.
-#[derive(Debug, Clone)]
-pub struct Slam {
-    pub(crate) config: SlamConfig,
-    pub(crate) noise: Noise,
+/// A drive so far: all of it that is not configuration.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Drive {
     /// Poses and what was measured between them.
     pub graph: Graph,
     /// One for each pose.
     pub nodes: Vec<Node>,
     /// All that were found, applied or not.
     pub closures: Vec<Closure>,
-    pub(crate) refined: Vec<Edge>,
-    /// Without odometry: m/s along and across, rad/s.
-    pub(crate) speed: [f64; 3],
+    /// What was measured between the poses at the end; empty before it.
+    pub refined: Vec<Edge>,
     /// Scans that could not be laid on those before them.
     pub lost: u64,
     /// Places that were tried.
     pub tries: u64,
     /// Places that were recognised, but not told apart from others.
     pub ambiguous: u64,
-    searched_at_m: f64,
+    /// Without odometry: m/s along and across, rad/s.
+    pub(crate) speed: [f64; 3],
+    pub(crate) searched_at_m: f64,
+}
+
+/// Simultaneous localization and mapping.
+#[derive(Debug, Clone)]
+pub struct Slam {
+    pub(crate) config: SlamConfig,
+    pub(crate) noise: Noise,
+    /// What it knows.
+    pub drive: Drive,
 }
 
 impl Slam {
@@ -53,25 +67,15 @@ impl Slam {
     #[must_use]
     pub fn new(config: &SlamConfig, odometry: &OdometryConfig) -> Self {
         let scale_sigma = SCALE_SIGMA.max(odometry.lin_scale).max(odometry.ang_scale);
-        Self {
-            config: config.clone(),
-            noise: Noise::of(odometry, scale_sigma),
-            graph: Graph { scale_sigma, ..Graph::default() },
-            nodes: Vec::new(),
-            closures: Vec::new(),
-            refined: Vec::new(),
-            speed: [0.0; 3],
-            lost: 0,
-            tries: 0,
-            ambiguous: 0,
-            searched_at_m: 0.0,
-        }
+        let graph = Graph { scale_sigmas: [scale_sigma, scale_sigma, TURN_SIGMA], ..Graph::default() };
+        let noise = Noise::of(odometry, scale_sigma);
+        Self { config: config.clone(), noise, drive: Drive { graph, ..Drive::default() } }
     }
 
     /// Whether a scan taken at this pose of the odometry is worth a node.
     #[must_use]
     pub fn wants(&self, odom_from_base: Pose2) -> bool {
-        let Some(last) = self.nodes.last() else { return true };
+        let Some(last) = self.drive.nodes.last() else { return true };
         let step = Increment::between(last.odom_from_base, odom_from_base);
         self.config.odometry == UseOdometry::Ignore
             || step.length_m() >= self.config.node_every_m
@@ -84,12 +88,12 @@ impl Slam {
             return false;
         }
         self.track(Node { stamp_ns, odom_from_base, points, way_m: 0.0 });
-        let way_m = self.nodes[self.nodes.len() - 1].way_m;
-        if way_m - self.searched_at_m <= self.config.closure_every_m {
+        let way_m = self.drive.nodes.last().map_or(0.0, |node| node.way_m);
+        if way_m - self.drive.searched_at_m <= self.config.closure_every_m {
             return false;
         }
-        self.searched_at_m = way_m;
-        let found = self.look_for_closures();
+        self.drive.searched_at_m = way_m;
+        let found = self.look_for_closures(self.drive.nodes.len() - 1);
         if found {
             self.solve();
         }
@@ -98,18 +102,52 @@ impl Slam {
 
     /// Solves the graph as it is.
     pub fn solve(&mut self) {
-        let solver = Solver::new(&self.graph);
-        solver.graduate(&mut self.graph);
+        let solver = Solver::new(&self.drive.graph);
+        solver.graduate(&mut self.drive.graph);
     }
 
-    /// Ends the drive: what was seen twice is laid on each other.
+    /// Ends the drive: what was seen twice is laid on each other, and closures that the rest is against are taken back.
     pub fn finish(&mut self) {
-        if self.nodes.len() < 2 {
+        if self.drive.nodes.len() < 2 {
             return;
         }
         self.solve();
+        self.look_again();
         for round in 0..self.config.refine_rounds {
             self.refine(round);
         }
+        self.take_back();
+    }
+
+    /// Looks for closures once more along the whole drive: what was too far off to be recognised then may not be any more.
+    fn look_again(&mut self) {
+        let mut searched_at_m = 0.0;
+        let mut found = 0;
+        for index in 0..self.drive.nodes.len() {
+            let way_m = self.drive.nodes[index].way_m;
+            if way_m - searched_at_m > self.config.closure_every_m {
+                searched_at_m = way_m;
+                if self.look_for_closures(index) {
+                    found += 1;
+                    if found % SOLVE_EVERY == 0 {
+                        self.solve();
+                    }
+                }
+            }
+        }
+        if found > 0 {
+            self.solve();
+        }
+    }
+
+    /// The covariance of the last pose in the frame of the map, in which the first is certain.
+    #[must_use]
+    pub fn doubt_at_the_end(&self) -> Option<Matrix> {
+        let last = self.drive.nodes.len().checked_sub(1)?;
+        let mut graph = self.drive.graph.clone();
+        if !self.drive.refined.is_empty() {
+            graph.edges.clone_from(&self.drive.refined);
+        }
+        Solver::new(&graph).covariances(&graph, [last]).pop()
     }
 }

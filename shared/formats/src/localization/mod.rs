@@ -3,6 +3,7 @@
 //! | file | what it holds | module |
 //! |---|---|---|
 //! | reference, text | poses known from elsewhere: `t x y theta` per line | [`mod@reference`] |
+//! | relations, text | how one pose of a path truly lies, seen from another | [`relations`] |
 //! | landmarks, TOML | places that were surveyed: `[[landmark]]` with `name` and `at` | [`landmarks`] |
 //! | sightings, text | ranges and bearings to landmarks: `t landmark range_m bearing_rad` per line | [`sightings`] |
 //!
@@ -11,9 +12,11 @@
 
 pub mod landmarks;
 pub mod reference;
+pub mod relations;
 mod rows;
 pub mod sightings;
 
 pub use landmarks::Landmarks;
-pub use reference::ReferencePath;
+pub use reference::{ReferencePath, write_tum};
+pub use relations::Relations;
 pub use sightings::{Sightings, TimedSighting};

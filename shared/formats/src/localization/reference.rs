@@ -7,8 +7,9 @@
 //! ```
 //!
 //! Rows have four words; or seven, of which the last three (the raw odometry pose `ox oy otheta` of the reference files that were
-//! made with GMapping) must be numbers and are not used. Any other number of words is refused: eight would be a trajectory with a
-//! quaternion, whose fourth word is a height.
+//! made with GMapping) must be numbers and are not used; or eight, a trajectory in the format of the TUM benchmark (Sturm et al. 2012),
+//! `t x y z qx qy qz qw` with a quaternion of length 1, of which the height is not used and the heading is taken. That is how
+//! [`write_tum`] writes one. Any other number of words is refused.
 //!
 //! `t` is in the log's own time: for a CARMEN log the *ipc timestamp*, the third word from the end of a line, which is what
 //! [`crate::log`] stamps its events with. The same decimal text gives the same nanosecond in both. A log whose stamps are
@@ -20,17 +21,21 @@
 //! freiburg-101. The map frame of such a reference is the odometry frame at the start of the log, to within what the first scans
 //! corrected (centimetres).
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use echogrid_core::Pose2;
 
 use super::rows::{Row, count_moved, rows};
 use crate::text::{TextError, TextFileError, read_text};
+use crate::whole_file::{WriteError, write_whole};
 
 /// Longest reference file, bytes.
 pub const REFERENCE_BYTES_MAX: u64 = 64 << 20;
 
-const ROW: &str = "4 words `t x y theta`, or 7 with the raw odometry pose after them";
+const ROW: &str = "4 words `t x y theta`, 7 with the raw odometry pose after them, or 8 `t x y z qx qy qz qw`";
+/// A quaternion is of length 1 to within this.
+const UNIT: f64 = 0.01;
 /// An angle beyond this is no angle, radians.
 const ANGLE_MAX_RAD: f64 = 1e6;
 
@@ -99,7 +104,40 @@ impl ReferencePath {
     }
 }
 
+/// Writes poses `map_from_base` in the format of the TUM benchmark, whole or not at all: `t x y z qx qy qz qw`, seconds and metres.
+///
+/// # Errors
+/// The file can't be written.
+pub fn write_tum(path: &Path, poses: impl IntoIterator<Item = (u64, Pose2)>) -> Result<(), WriteError> {
+    let mut text = String::from("# t x y z qx qy qz qw\n");
+    for (stamp_ns, Pose2 { x, y, theta }) in poses {
+        let (s, c) = libm::sincos(0.5 * theta);
+        let (seconds, rest_ns) = (stamp_ns / 1_000_000_000, stamp_ns % 1_000_000_000);
+        let _ = writeln!(text, "{seconds}.{rest_ns:09} {x:.6} {y:.6} 0 0 0 {s:.9} {c:.9}");
+    }
+    write_whole(path, text.as_bytes())
+}
+
+/// The pose of a row of eight words.
+fn of_quaternion(row: &Row<'_>, words: [&str; 8]) -> Result<(u64, usize, Pose2), TextError> {
+    let [t, x, y, z, q @ ..] = words;
+    row.number("z", z, |_| true, "metres")?;
+    let mut quaternion = [0.0; 4];
+    for ((slot, what), word) in quaternion.iter_mut().zip(["qx", "qy", "qz", "qw"]).zip(q) {
+        *slot = row.number(what, word, |value| value.abs() <= 1.0 + UNIT, "a part of a quaternion, -1 to 1")?;
+    }
+    let [qx, qy, qz, qw] = quaternion;
+    if ((qx * qx + qy * qy + qz * qz + qw * qw).sqrt() - 1.0).abs() > UNIT {
+        return Err(row.wrong("a quaternion of length 1, in the order qx qy qz qw"));
+    }
+    let theta = libm::atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz));
+    Ok((row.stamp_ns(t)?, row.line, Pose2::new(row.coordinate("x", x)?, row.coordinate("y", y)?, theta)))
+}
+
 fn pose(row: &Row<'_>) -> Result<(u64, usize, Pose2), TextError> {
+    if let Ok(words) = <[&str; 8]>::try_from(row.words.as_slice()) {
+        return of_quaternion(row, words);
+    }
     let (&[t, x, y, theta], raw) = row.words.split_first_chunk().ok_or_else(|| row.wrong(ROW))?;
     if !matches!(raw.len(), 0 | 3) {
         return Err(row.wrong(ROW));
@@ -137,6 +175,20 @@ mod tests {
     }
 
     #[test]
+    fn what_is_written_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("path.tum");
+        let poses =
+            [(1_000_000_007, Pose2::new(1.5, -2.25, 3.0)), (1_717_171_717_000_000_001, Pose2::new(0.0, 7.0, -0.5))];
+        write_tum(&path, poses).unwrap();
+        let read = ReferencePath::read(&path).unwrap();
+        for ((stamp_ns, pose), (read_ns, read)) in poses.iter().zip(read.poses()) {
+            assert_eq!(stamp_ns, read_ns);
+            assert!(pose.distance_m(*read) < 1e-6 && (pose.theta - read.theta).abs() < 1e-8);
+        }
+    }
+
+    #[test]
     fn disorder_is_sorted_and_counted() {
         let path = ReferencePath::parse("3 3 0 0\n1 1 0 0\n4 4 0 0\n2 2 0 0\n").unwrap();
         assert_eq!(path.moved(), 2);
@@ -151,7 +203,9 @@ mod tests {
         };
         check("# nothing\n", "line 1: no pose; expected 4 words `t x y theta`");
         check("1 2 3\n", "line 1: \"1 2 3\"; expected 4 words");
-        check("1 2 3 0 0 0 0 1\n", "line 1: \"1 2 3 0 0 0 0 1\"; expected 4 words `t x y theta`, or 7");
+        check("1 2 3 0 0 0\n", "expected 4 words `t x y theta`, 7 with");
+        check("1 2 3 0 0 0 0 0.5\n", "line 1: \"1 2 3 0 0 0 0 0.5\"; expected a quaternion of length 1");
+        check("1 2 3 0 0 0 0 2\n", "qw is \"2\"; expected a part of a quaternion");
         check("\n-1 2 3 4\n", "line 2: t is \"-1\"; expected seconds");
         check("1 nan 3 4\n", "line 1: x is \"nan\"; expected metres");
         check("1 2 4e7 4\n", "y is \"4e7\"");

@@ -1,0 +1,101 @@
+//! `echogrid closures`: what SLAM recognised, and with what evidence.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use echogrid_slam::closures::Standing;
+use echogrid_slam::report::{Evidence, Report};
+use echogrid_slam_service::CLOSURES_FILE;
+
+/// Prints the closures of a folder of maps, or of a file.
+pub(super) fn run(map: &Path, json: bool) -> Result<()> {
+    let report = read(map)?;
+    super::print(&if json {
+        format!("{}\n", serde_json::to_string_pretty(&report).context("the closures as JSON")?)
+    } else {
+        Table(&report).to_string()
+    })
+}
+
+/// Reads what SLAM wrote beside a map: `map` is the folder, the map, or the file itself.
+pub(super) fn read(map: &Path) -> Result<Report> {
+    let file = file(map);
+    let text = std::fs::read_to_string(&file).with_context(|| {
+        format!("{}: the closures of a map that was made with --slam are expected there", file.display())
+    })?;
+    serde_json::from_str(&text).with_context(|| format!("{}: expected what `--slam` writes there", file.display()))
+}
+
+fn file(map: &Path) -> PathBuf {
+    if map.is_dir() {
+        return map.join(CLOSURES_FILE);
+    }
+    match map.extension() {
+        Some(ending) if ending == "json" => map.into(),
+        _ => map.with_file_name(CLOSURES_FILE),
+    }
+}
+
+struct Table<'a>(&'a Report);
+
+impl fmt::Display for Table<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let report = self.0;
+        let closures = &report.closures;
+        writeln!(f, "{}", summary(report))?;
+        if closures.is_empty() {
+            return Ok(());
+        }
+        writeln!(
+            f,
+            "{:>9} {:>9}  {:>7} {:>6} {:>6}  {:>5} {:>5} {:>5}  {:>5}  what became of it",
+            "place s", "again s", "loop m", "off m", "off °", "score", "near", "rms m", "agree"
+        )?;
+        let first_ns = closures.iter().map(|closure| closure.from_ns).min().unwrap_or(0);
+        for closure in closures {
+            let Evidence { from_ns, to_ns, loop_m, off, score, inliers, rms_m, support, .. } = closure;
+            let seconds = |stamp_ns: u64| stamp_ns.saturating_sub(first_ns) as f64 * 1e-9;
+            let what = match (closure.standing, closure.slides) {
+                (Standing::Applied, false) => "applied",
+                (Standing::Applied, true) => "applied, but along the corridor",
+                (Standing::Alone, _) => "not applied: too few agree",
+                (Standing::TakenBack, _) => "taken back: the rest is against it",
+            };
+            writeln!(
+                f,
+                "{:9.1} {:9.1}  {loop_m:7.1} {:6.2} {:6.1}  {score:5.2} {inliers:5.2} {rms_m:5.3}  {support:5}  {what}",
+                seconds(*from_ns),
+                seconds(*to_ns),
+                off.0,
+                off.1.to_degrees(),
+            )?;
+        }
+        writeln!(
+            f,
+            "Seconds since the first place. off: from where it was believed to be. score: share of points on walls;\nnear: with a partner within 10 cm, rms m off its wall. agree: how many other closures do."
+        )
+    }
+}
+
+/// What SLAM came to, in a line.
+pub(crate) fn summary(report: &Report) -> String {
+    let (all, applied) = (report.closures.len(), report.applied());
+    let closures = match (all, applied) {
+        (0, _) => "no place was recognised".to_owned(),
+        (all, applied) if all == applied => format!("{applied} closures"),
+        (all, applied) => format!("{applied} closures of {all} found"),
+    };
+    let ambiguous = match report.ambiguous {
+        0 => String::new(),
+        count => format!(", {count} places not told apart"),
+    };
+    let lost = match report.lost {
+        0 => String::new(),
+        lost => format!(", {lost} of {} scans not matched", report.nodes),
+    };
+    let end = report.end_sigma.map_or(String::new(), |[x, y, theta]| {
+        format!("; at the end ± {:.2} m, {:.1}°", x.hypot(y), theta.to_degrees())
+    });
+    format!("{closures}{ambiguous}{lost}{end}")
+}

@@ -1,0 +1,232 @@
+//! SLAM in the place of the odometry: raw odometry and lidar scans in, corrected pose estimates out.
+//!
+//! Where a closure shows that the robot is where it was before, poses of the past are others than they were believed to be. So the
+//! estimates go out when the drive is over, all but the first, and the mapper makes the map at once of the final poses: what it makes
+//! has the bytes of mapping the log from scratch with them.
+
+mod files;
+mod history;
+
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use echogrid_core::parts::{Parts, Saved};
+use echogrid_core::{
+    DrivePose, Estimate, Incidents, JointCovariance, Leaps, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
+};
+use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_slam::{Drive, Points, Slam, SlamConfig};
+use echogrid_topics::{Message, PoseEstimate, RawOdometry, Topic};
+use history::History;
+use serde::{Deserialize, Serialize};
+
+pub use files::{CLOSURES_FILE, FILES, GRAPH_FILE, PATH_FILE};
+
+/// What it reads.
+pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
+/// What it writes.
+pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate];
+
+/// How far a pose is off among its neighbours, one standard deviation, metres and radians. (How far all are off together is no matter
+/// to the map.)
+const AMONG_NEIGHBOURS: (f64, f64) = (0.01, 0.003);
+
+/// A scan whose pose is not known yet.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Scan {
+    stamp_ns: u64,
+    readings: Vec<Reading>,
+}
+
+impl Scan {
+    /// When its last reading was taken.
+    fn end_ns(&self) -> u64 {
+        let last = self.readings.iter().map(|reading| reading.offset_ns).max().unwrap_or(0);
+        self.stamp_ns.saturating_add_signed(i64::from(last.max(0)))
+    }
+}
+
+/// What the messages so far have come to.
+#[derive(Debug, Serialize, Deserialize)]
+struct State {
+    robot: Option<Robot>,
+    odometry: Odometry,
+    leaps: Leaps,
+    leapt: Incidents,
+    history: History,
+    waiting: VecDeque<Scan>,
+    drive: Drive,
+}
+
+/// The SLAM service.
+#[derive(Debug)]
+pub struct SlamService {
+    slam: Slam,
+    state: State,
+    /// Where the files go; none in tests.
+    out: Option<PathBuf>,
+}
+
+/// The part of `[run]` that it needs.
+#[derive(Debug, Deserialize)]
+struct Run {
+    out: PathBuf,
+}
+
+impl SlamService {
+    /// From the configuration; files are written where `out` says.
+    ///
+    /// # Errors
+    /// A value is out of range.
+    pub fn new(config: &SlamConfig, odometry: &OdometryConfig, out: Option<PathBuf>) -> Result<Self> {
+        config.validate().context("[slam]")?;
+        odometry.validate().context("[odometry]")?;
+        let state = State {
+            robot: None,
+            odometry: Odometry::new(odometry),
+            leaps: Leaps::default(),
+            leapt: Incidents::default(),
+            history: History::default(),
+            waiting: VecDeque::new(),
+            drive: Drive::default(),
+        };
+        Ok(Self { slam: Slam::new(config, odometry), state, out })
+    }
+
+    /// From the plan of a run.
+    ///
+    /// # Errors
+    /// A section is missing or wrong.
+    pub fn from_plan(plan: &Plan) -> Result<Self> {
+        let run: Run = plan.section("run")?;
+        Self::new(&plan.section("slam")?, &plan.section("odometry")?, Some(run.out))
+    }
+
+    fn moved(&mut self, stamp_ns: u64, raw: &RawOdometry, out: &mut Outbox) {
+        let RawOdometry { odom_from_base, v_mps, w_radps } = *raw;
+        if !odom_from_base.is_finite() {
+            return;
+        }
+        let state = &mut self.state;
+        let estimate = match state.leaps.next(DrivePose { stamp_ns, odom_from_base, v_mps, w_radps }) {
+            Some(leap) => {
+                state.leapt.add(stamp_ns, leap.length_m, leap.turn_rad);
+                state.odometry.leapt(odom_from_base, &leap)
+            }
+            None => state.odometry.step(odom_from_base),
+        };
+        let is_first = state.history.is_empty();
+        state.history.push(stamp_ns, estimate.pose);
+        if is_first {
+            out.send(stamp_ns, Message::Estimate(told(estimate.pose, 0.0, self.state.leapt)));
+        }
+        self.take_bracketed();
+    }
+
+    /// Takes every waiting scan whose poses are known by now.
+    fn take_bracketed(&mut self) {
+        let reached_ns = self.state.history.latest_ns();
+        while self.state.waiting.front().is_some_and(|scan| Some(scan.end_ns()) <= reached_ns) {
+            let Some(scan) = self.state.waiting.pop_front() else { break };
+            let history = &mut self.state.history;
+            let Some((robot, pose)) = self.state.robot.as_ref().zip(history.at(scan.stamp_ns)) else { continue };
+            history.scanned(scan.stamp_ns);
+            if !self.slam.wants(pose) {
+                continue;
+            }
+            // Where the robot was when a beam was measured, seen from where it was at the stamp.
+            let moved = |offset_ns: i32| {
+                let at = history.at(scan.stamp_ns.saturating_add_signed(i64::from(offset_ns)));
+                at.map_or(Pose2::IDENTITY, |at| pose.inverse() * at)
+            };
+            let points = Points::of(robot, &scan.readings, moved);
+            self.slam.add(scan.stamp_ns, pose, points);
+        }
+    }
+
+    /// Solves all, writes the files, and tells the poses.
+    fn finish(&mut self, out: &mut Outbox) -> Result<()> {
+        self.state.waiting.clear();
+        if self.state.history.is_empty() {
+            return Ok(());
+        }
+        self.slam.finish();
+        let path = self.slam.drive.path(&self.state.history.with_scans());
+        if let Some(folder) = &self.out {
+            files::write(folder, &self.slam, &path)?;
+        }
+        let mut distance_m = 0.0;
+        for pair in path.windows(2) {
+            let [(_, before), (stamp_ns, pose)] = pair else { continue };
+            distance_m += before.distance_m(*pose);
+            out.send(*stamp_ns, Message::Estimate(told(*pose, distance_m, self.state.leapt)));
+        }
+        Ok(())
+    }
+}
+
+/// A pose as it is told.
+fn told(pose: Pose2, distance_m: f64, leaps: Incidents) -> PoseEstimate {
+    let (metres, radians) = AMONG_NEIGHBOURS;
+    let mut covariance = JointCovariance::zeros();
+    for (place, deviation) in [metres, metres, radians].into_iter().enumerate() {
+        covariance[(place, place)] = deviation * deviation;
+    }
+    let estimate = Estimate { covariance, ..Estimate::certain(pose) };
+    PoseEstimate { leaps, ..PoseEstimate::plain(estimate, 1.0, distance_m) }
+}
+
+/// Name of the only part that is saved.
+const STATE: &str = "state";
+
+impl Service for SlamService {
+    fn inputs(&self) -> &'static [Topic] {
+        INPUTS
+    }
+
+    fn outputs(&self) -> &'static [Topic] {
+        OUTPUTS
+    }
+
+    fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
+        match input {
+            Input::Message { message: Message::Robot(robot), .. } => {
+                let has_lidar = robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar);
+                ensure!(has_lidar, "robot {:?} has no lidar, which SLAM needs", robot.name);
+                self.state.robot.get_or_insert(robot);
+            }
+            Input::Message { stamp_ns, message: Message::Odometry(raw), .. } => self.moved(stamp_ns, &raw, out),
+            Input::Message { stamp_ns, message: Message::Scan(readings), .. } => {
+                self.state.waiting.push_back(Scan { stamp_ns, readings });
+                self.take_bracketed();
+            }
+            Input::Message { .. } => {}
+            Input::Finish => self.finish(out)?,
+        }
+        Ok(())
+    }
+
+    fn save(&mut self, parts: &mut Parts) {
+        // The state is what is stored; while it is, the drive is lent to it.
+        std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
+        parts.put_value(STATE, &self.state);
+        std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.state = saved.value(STATE)?;
+        self.slam.drive = std::mem::take(&mut self.state.drive);
+        Ok(())
+    }
+}
+
+/// Runs it as this process.
+#[must_use]
+pub fn main() -> ExitCode {
+    process::run("slam", INPUTS, OUTPUTS, SlamService::from_plan)
+}
+
+#[cfg(test)]
+mod tests;
