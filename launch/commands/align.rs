@@ -110,7 +110,7 @@ fn is_placed(document: &MapDocument) -> bool {
 }
 
 /// Where the robot was; between two poses interpolated, none outside of the path.
-fn at(truth: &[(u64, Pose2)], stamp_ns: u64) -> Option<Pose2> {
+pub(super) fn at(truth: &[(u64, Pose2)], stamp_ns: u64) -> Option<Pose2> {
     let after = truth.partition_point(|(pose_ns, _)| *pose_ns < stamp_ns);
     let (after_ns, later) = *truth.get(after)?;
     if after_ns == stamp_ns {

@@ -9,9 +9,10 @@ use echogrid_core::quality::{Quality, TrueCell, Truth};
 use echogrid_formats::log::{self, LogEvent};
 use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::{probe_file, world};
+use echogrid_slam::evaluate::PathError;
 use serde::Serialize;
 
-use super::align::{Align, Alignment};
+use super::align::{Align, Alignment, at};
 
 /// What is judged, and by what.
 pub(super) struct Request {
@@ -36,6 +37,8 @@ pub(super) struct Score<'a> {
     poses: usize,
     /// How the map was laid on the world; none: the map's own path was taken for true.
     alignment: Option<Alignment>,
+    /// How far the map's own path is off; none without the true one.
+    path_error: Option<PathFigures>,
     /// Points of the world that were not taken for walls.
     points_left_out: usize,
     /// Cells of walls that count.
@@ -45,6 +48,33 @@ pub(super) struct Score<'a> {
     #[serde(flatten)]
     quality: Quality,
     picture: Option<&'a Path>,
+}
+
+/// How far a path is off, laid on the true one by all of it.
+#[derive(Debug, Serialize)]
+struct PathFigures {
+    /// ATE: distances to the true positions, metres.
+    absolute_mean_m: f64,
+    absolute_rms_m: f64,
+    absolute_max_m: f64,
+    /// Over each metre of true way: metres per metre, and radians per metre.
+    per_metre_m: f64,
+    per_metre_rad: f64,
+}
+
+impl PathFigures {
+    fn of(document: &MapDocument, truth: &[(u64, Pose2)]) -> Option<Self> {
+        let pairs: Vec<(Pose2, Pose2)> =
+            document.path.iter().filter_map(|point| Some((point.pose, at(truth, point.stamp_ns)?))).collect();
+        let error = PathError::of(&pairs)?;
+        Some(Self {
+            absolute_mean_m: error.absolute_m.mean,
+            absolute_rms_m: error.absolute_m.rms,
+            absolute_max_m: error.absolute_m.max,
+            per_metre_m: error.per_metre_m.mean,
+            per_metre_rad: error.per_metre_rad.mean,
+        })
+    }
 }
 
 /// Judges a map, and tells what it came to.
@@ -76,6 +106,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
             None
         }
     };
+    let path_error = truth.as_ref().and_then(|truth| PathFigures::of(&document, truth));
     let map_from_world = alignment.filter(Alignment::moves).map(|alignment| alignment.map_from_world);
     let world = map_from_world.map_or(Ok(world.clone()), |map_from_world| world.moved(map_from_world))?;
     let path = match truth {
@@ -95,6 +126,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
         path: request.path.as_deref(),
         poses: path.len(),
         alignment,
+        path_error,
         points_left_out,
         cells_occupied: count(TrueCell::Wall),
         cells_free: count(TrueCell::Free),
@@ -161,6 +193,17 @@ impl fmt::Display for Score<'_> {
         )?;
         if let Some(alignment) = &self.alignment {
             writeln!(f, "aligned      {alignment}")?;
+        }
+        if let Some(off) = &self.path_error {
+            writeln!(
+                f,
+                "path error   {:.3} m in the mean, {:.3} m rms, {:.3} m at most, laid on the true one; {:.2} % of each metre and {:.3}°",
+                off.absolute_mean_m,
+                off.absolute_rms_m,
+                off.absolute_max_m,
+                100.0 * off.per_metre_m,
+                off.per_metre_rad.to_degrees()
+            )?;
         }
         if left_out > 0 {
             writeln!(f, "world        {left_out} points not taken for walls (--points takes them)")?;

@@ -31,6 +31,8 @@ struct Storm {
     /// Keeps the drive, where there is no recording.
     drive: Drive,
     log: PathBuf,
+    /// Further arguments.
+    more: &'static [&'static str],
 }
 
 impl Storm {
@@ -45,6 +47,7 @@ impl Storm {
             name,
             log: data("sonar/columbia-sonar.log.gz").unwrap_or_else(|| drive.out("drive.log")),
             drive,
+            more: &[],
         }
     }
 
@@ -60,7 +63,7 @@ impl Storm {
         let words =
             ["map", &path(&self.log), "--out", &path(&self.drive.out(out)), "--domain", domain.name(), "--rate", rate];
         let restarts = ["--verbose", "--set", "supervision.backoff_s=0", "--set", "supervision.restarts_max=100000"];
-        words.into_iter().chain(restarts).map(str::to_owned).collect()
+        words.into_iter().chain(restarts).chain(self.more.iter().copied()).map(str::to_owned).collect()
     }
 
     fn domain(&mut self) -> Domain {
@@ -140,7 +143,17 @@ impl Running {
 
 #[test]
 fn killed_services_change_nothing() {
-    let mut storm = Storm::new("s", 0, 24);
+    change_nothing(Storm::new("s", 0, 24));
+}
+
+/// With closures pending, and while all is solved at the end.
+#[test]
+fn killed_slam_changes_nothing() {
+    let Some(log) = data("carmen/freiburg-101-raw.log.gz") else { return };
+    change_nothing(Storm { log, more: &["--slam"], ..Storm::new("m", 2000, 8) });
+}
+
+fn change_nothing(mut storm: Storm) {
     let undisturbed = storm.undisturbed();
     while storm.kills < storm.wanted {
         let domain = storm.domain();

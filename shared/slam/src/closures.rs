@@ -5,9 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::cloud::Cloud;
 use crate::correlate::{Except, Field, Window};
-use crate::front::{believed, believed_but_along};
 use crate::graph::{Edge, Kind};
-use crate::matching::{point_to_line, seen_from};
+use crate::matching::{believed, but_along, point_to_line, seen_from};
 use crate::matrix::{self, Matrix};
 use crate::scan::Points;
 use crate::slam::Slam;
@@ -30,8 +29,6 @@ const INLIERS_STRONG: f64 = 0.75;
 /// What it must be like to count at all, as a share of what makes it strong.
 const WEAK: f64 = 0.75;
 const RMS_MAX_M: f64 = 0.04;
-/// Below, a scan slides along a corridor.
-const SPREAD_MIN: f64 = 0.03;
 /// Where a scan slides, what it says across is believed within so many metres and radians of what was expected: the next corridor is
 /// farther away.
 const ACROSS_MAX_M: f64 = 0.7;
@@ -196,7 +193,7 @@ impl Slam {
         let along = laid.weak_direction();
         let off = guess.inverse() * laid.pose;
         // Elsewhere it may lie as well: along a corridor, which is no harm if nothing is said along it, or at another place.
-        let mut slides = laid.spread < SPREAD_MIN;
+        let mut slides = laid.slides();
         let except = Except { pose: best.pose, half_side_m: ELSEWHERE_M };
         let second_min = best.score - self.config.closure_margin;
         if let Some(second) = field.search(&sparse, &window, second_min, Some(&except)) {
@@ -219,7 +216,7 @@ impl Slam {
         let information = if slides {
             // Seen from `to`.
             let (s, c) = libm::sincos(laid.pose.theta);
-            believed_but_along(&laid.information, [c * along[0] + s * along[1], c * along[1] - s * along[0]])
+            but_along(&believed(&laid.information), [c * along[0] + s * along[1], c * along[1] - s * along[0]])
         } else {
             believed(&laid.information)
         };

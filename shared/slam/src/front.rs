@@ -5,8 +5,8 @@ use echogrid_core::{Increment, OdometryConfig, Pose2, move_by};
 use crate::cloud::Cloud;
 use crate::config::UseOdometry;
 use crate::correlate::{Field, Window};
-use crate::graph::{Edge, Kind, straightened};
-use crate::matching::{Match, point_to_line};
+use crate::graph::{Edge, Kind};
+use crate::matching::{Match, believed, point_to_line};
 use crate::matrix::{self, Matrix};
 use crate::scan::Points;
 use crate::slam::{Node, Slam};
@@ -18,6 +18,8 @@ const LOCAL_MAP_SCANS: usize = 25;
 const SAME: f64 = 0.05;
 /// Within which partners of points are looked for, metres, iteration by iteration.
 const RADII_M: [f64; 7] = [0.5, 0.5, 0.35, 0.25, 0.2, 0.15, 0.15];
+/// The correlative search is believed where its share of points with a partner is larger by this.
+const BETTER: f64 = 0.01;
 /// The share of points with a partner that makes a match.
 const INLIERS_MIN: f64 = 0.3;
 /// Without odometry more is asked for.
@@ -63,20 +65,6 @@ impl Noise {
     }
 }
 
-/// Ω of a match: of what its points say a part, as they share errors; and never more exact than 1 cm and 3 mrad.
-pub(crate) fn believed(information: &Matrix) -> Matrix {
-    let shared = matrix::sum(&matrix::scaled(information, 0.3), &matrix::diagonal([1.0; 3]));
-    let floor = matrix::diagonal([1e-4, 1e-4, 9e-6]);
-    matrix::symmetric(&matrix::inverse(&matrix::sum(&matrix::inverse(&shared), &floor)))
-}
-
-/// [`believed`], but nothing of the direction `along`, seen from the scan.
-pub(crate) fn believed_but_along(information: &Matrix, along: [f64; 2]) -> Matrix {
-    let [x, y] = along;
-    let across = [[1.0 - x * x, -x * y, 0.0], [-x * y, 1.0 - y * y, 0.0], [0.0, 0.0, 1.0]];
-    matrix::product(&matrix::product(&across, &believed(information)), &across)
-}
-
 impl Slam {
     /// Adds a node for this scan, and the edges to the node before.
     pub(crate) fn track(&mut self, node: Node) {
@@ -92,7 +80,7 @@ impl Slam {
             let (share, way) = (KEEPS_ON * seconds.min(0.5), self.drive.speed);
             Pose2::new(way[0] * share, way[1] * share, way[2] * share)
         } else {
-            let [lin, ang, _] = self.drive.graph.scales;
+            let [lin, ang] = self.drive.graph.scales;
             move_by(Pose2::IDENTITY, measured.corrected(lin, ang))
         };
         let prior =
@@ -107,7 +95,7 @@ impl Slam {
             None => false,
         };
         let step = match found {
-            Some(found) if holds => straightened(found.pose, self.drive.graph.scales[2]),
+            Some(found) if holds => found.pose,
             _ if is_alone => Pose2::IDENTITY,
             _ => guess,
         };
@@ -122,7 +110,9 @@ impl Slam {
             edge(guess, self.noise.information(measured, false), Kind::Odometry(measured))
         });
         if let Some(found) = found.filter(|_| holds) {
-            self.drive.graph.edges.push(edge(found.pose, believed(&found.information), Kind::Match));
+            // Without odometry nothing else tells of the way along a corridor.
+            let information = if is_alone { believed(&found.information) } else { found.believed() };
+            self.drive.graph.edges.push(edge(found.pose, information, Kind::Match));
         } else {
             self.drive.lost += 1;
         }
@@ -165,14 +155,19 @@ impl Slam {
         };
         let seen: Vec<[f64; 2]> =
             points.iter().step_by(2).map(|(p, _)| p).filter(|p| p[0] * p[0] + p[1] * p[1] < 121.0).collect();
-        let mut start = guess;
+        let by_guess = point_to_line(&cloud, points, guess, Some((guess, prior)), &RADII_M);
         if seen.len() > 20 {
             let mut field = Field::of(cloud.points(), 12.0);
             let window = Window { guess, half_side_m, half_turn_rad };
             if let Some(found) = field.search(&seen, &window, 0.3, None) {
-                start = found.pose;
+                // Along a corridor all poses score alike, and the best is anywhere.
+                let start = if by_guess.slides() { by_guess.as_expected_along(found.pose, guess) } else { found.pose };
+                let by_search = point_to_line(&cloud, points, start, Some((guess, prior)), &RADII_M);
+                if by_search.inliers > by_guess.inliers + BETTER {
+                    return Some(by_search);
+                }
             }
         }
-        Some(point_to_line(&cloud, points, start, Some(prior), &RADII_M))
+        Some(by_guess)
     }
 }

@@ -3,8 +3,7 @@
 //! An edge measures how pose j lies, seen from pose i: e = z⁻¹ (xᵢ⁻¹ xⱼ), of information Ω. Edges that may be wrong have a kernel
 //! ρ(χ²) = k χ²/(k + χ²) (Geman and McClure), which counts less what does not fit; it is made narrow in steps (graduated
 //! non-convexity: Yang, Antonante, Tzoumas, Carlone 2020), as a narrow one would throw out every true loop closure of a long drive. What the
-//! odometry measures too much is an unknown constant of the whole drive, and so is by how much matching turns a drive on each metre (a lidar's
-//! ranges depend on how it looks at a wall): three more variables, with priors.
+//! odometry measures too much is an unknown constant of the whole drive: two more variables, with a prior.
 
 use echogrid_core::{Increment, Pose2, move_by, wrap_angle};
 use serde::{Deserialize, Serialize};
@@ -17,7 +16,7 @@ use crate::solver::{Factors, Place, Structure, System};
 pub enum Kind {
     /// The drive measured this step, which the scales correct.
     Odometry(Increment),
-    /// A scan was laid on those shortly before; `to` comes after `from` on the way.
+    /// A scan was laid on those shortly before.
     Match,
     /// A place was recognised; its number among all closures.
     Closure(u32),
@@ -58,10 +57,10 @@ pub struct Anchor {
 pub struct Graph {
     /// Of the nodes, in order.
     pub poses: Vec<Pose2>,
-    /// What the odometry measures too much, as a share, of translation and of rotation; and what matches turn too much, radians per metre.
-    pub scales: [f64; 3],
-    /// One standard deviation of what each may be; 0: it is known to be 0.
-    pub scale_sigmas: [f64; 3],
+    /// What the odometry measures too much, as a share: of translation, of rotation.
+    pub scales: [f64; 2],
+    /// One standard deviation of what they may be; 0: they are known to be 0.
+    pub scale_sigma: f64,
     /// What was measured.
     pub edges: Vec<Edge>,
     /// What is known from elsewhere. Without one the first pose is held.
@@ -75,11 +74,10 @@ const STEPS: usize = 5;
 impl Edge {
     /// z with the scales taken out.
     #[must_use]
-    pub fn expected(&self, scales: [f64; 3]) -> Pose2 {
+    pub fn expected(&self, scales: [f64; 2]) -> Pose2 {
         match self.kind {
             Kind::Odometry(increment) => move_by(Pose2::IDENTITY, increment.corrected(scales[0], scales[1])),
-            Kind::Match => straightened(self.measured, scales[2]),
-            Kind::Closure(_) | Kind::Refined => self.measured,
+            _ => self.measured,
         }
     }
 
@@ -111,17 +109,9 @@ impl Edge {
         (matrix::product(&back, &of_a), matrix::product(&back, &of_b))
     }
 
-    /// Whether e changes with the scales.
-    fn is_scaled(&self) -> bool {
-        matches!(self.kind, Kind::Odometry(_) | Kind::Match)
-    }
-
-    /// How e changes with the scales, if it does.
-    fn scale_jacobian(&self, scales: [f64; 3]) -> Option<Matrix> {
-        let Kind::Odometry(measured) = self.kind else {
-            let turned = [0.0, 0.0, libm::hypot(self.measured.x, self.measured.y)];
-            return self.is_scaled().then_some([[0.0; 3], [0.0; 3], turned]);
-        };
+    /// How e changes with the scales, if it does; the third column is empty.
+    fn scale_jacobian(&self, scales: [f64; 2]) -> Option<Matrix> {
+        let Kind::Odometry(measured) = self.kind else { return None };
         let z = self.expected(scales);
         let whole = 1.0 / (1.0 - scales[0]);
         let (x, y) = (z.x * whole, z.y * whole);
@@ -135,11 +125,6 @@ impl Edge {
             [0.0, measured.turn_rad, 0.0],
         ])
     }
-}
-
-/// A match without what it turns too much.
-pub(crate) fn straightened(matched: Pose2, turns: f64) -> Pose2 {
-    Pose2::new(matched.x, matched.y, matched.theta - turns * libm::hypot(matched.x, matched.y))
 }
 
 /// The places of the blocks of an edge.
@@ -162,13 +147,14 @@ impl Solver {
     #[must_use]
     pub fn new(graph: &Graph) -> Self {
         let nodes = graph.poses.len();
-        let has_scales = graph.scale_sigmas.iter().any(|sigma| *sigma > 0.0) && graph.edges.iter().any(Edge::is_scaled);
+        let has_scales =
+            graph.scale_sigma > 0.0 && graph.edges.iter().any(|edge| matches!(edge.kind, Kind::Odometry(_)));
         let pairs = graph.edges.iter().map(|edge| (edge.from as usize, edge.to as usize));
         let structure = Structure::new(nodes + usize::from(has_scales), pairs, has_scales);
         let places = graph.edges.iter().map(|edge| {
             let (from, to) = (edge.from as usize, edge.to as usize);
             let poses = structure.place(from, to)?;
-            let is_scaled = has_scales && edge.is_scaled();
+            let is_scaled = has_scales && matches!(edge.kind, Kind::Odometry(_));
             let scales = || Some((structure.place(from, nodes)?, structure.place(to, nodes)?));
             Some(Places { poses, scales: if is_scaled { scales() } else { None } })
         });
@@ -225,9 +211,9 @@ impl Solver {
             system.add_diagonal(node, &matrix::diagonal([1e-6; 3]));
         }
         if self.has_scales {
-            let prior = graph.scale_sigmas.map(|sigma| 1.0 / (sigma * sigma).max(1e-18));
-            system.add_diagonal(nodes, &matrix::diagonal(prior));
-            push(nodes, [0, 1, 2].map(|axis| prior[axis] * graph.scales[axis]));
+            let prior = 1.0 / (graph.scale_sigma * graph.scale_sigma);
+            system.add_diagonal(nodes, &matrix::diagonal([prior, prior, 1.0]));
+            push(nodes, [prior * graph.scales[0], prior * graph.scales[1], 0.0]);
         }
         (system, right)
     }
@@ -246,7 +232,7 @@ impl Solver {
                 farthest = step.iter().fold(farthest, |far, value| far.max(value.abs()));
             }
             if let Some(step) = self.has_scales.then(|| step.last()).flatten() {
-                for axis in 0..3 {
+                for axis in 0..2 {
                     graph.scales[axis] = (graph.scales[axis] + step[axis]).clamp(-0.5, 0.5);
                 }
             }
@@ -298,3 +284,6 @@ impl Graph {
         self.edges.iter().map(of).sum()
     }
 }
+
+#[cfg(test)]
+mod tests;

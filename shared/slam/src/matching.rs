@@ -30,7 +30,37 @@ pub struct Match {
     pub spread: f64,
 }
 
+/// Below, a scan slides along a corridor: what little its points tell of the way along it is chance.
+const SPREAD_MIN: f64 = 0.03;
+
 impl Match {
+    /// Whether the points tell nothing of one direction, as in a corridor.
+    #[must_use]
+    pub fn slides(&self) -> bool {
+        self.spread < SPREAD_MIN
+    }
+
+    /// `pose`, moved along the direction of which the points tell least to where `expected` is along it.
+    #[must_use]
+    pub fn as_expected_along(&self, pose: Pose2, expected: Pose2) -> Pose2 {
+        let [x, y] = self.weak_direction();
+        let along = (expected.x - pose.x) * x + (expected.y - pose.y) * y;
+        Pose2::new(pose.x + along * x, pose.y + along * y, pose.theta)
+    }
+
+    /// How far it is to be believed: its points share errors; and never more exact than 1 cm and 3 mrad. Where it slides, of the
+    /// direction along it nothing.
+    #[must_use]
+    pub fn believed(&self) -> Matrix {
+        let believed = believed(&self.information);
+        if !self.slides() {
+            return believed;
+        }
+        let [x, y] = self.weak_direction();
+        let (s, c) = libm::sincos(self.pose.theta);
+        but_along(&believed, [c * x + s * y, c * y - s * x])
+    }
+
     /// The direction in which the points tell least where the scan lies, in the frame of the cloud, of length 1.
     #[must_use]
     pub fn weak_direction(&self) -> [f64; 2] {
@@ -42,8 +72,8 @@ impl Match {
     }
 }
 
-/// What was known before: the guess, and the inverse of its covariance.
-pub type Prior<'a> = Option<&'a Matrix>;
+/// What was known before: where the scan should lie, and the inverse of the covariance of that.
+pub type Prior<'a> = Option<(Pose2, &'a Matrix)>;
 
 /// e = z⁻¹ x: how `x` lies, seen from `z`.
 #[must_use]
@@ -52,12 +82,12 @@ pub fn seen_from(z: Pose2, x: Pose2) -> Vector {
     [x, y, theta]
 }
 
-/// Lays `scan`, which is guessed to lie at `guess` in the frame of `cloud`, on it: by Gauss and Newton, once for each of `radii_m`,
-/// within which a point's partner must lie.
+/// Lays `scan` on `cloud`, beginning at `start` in the frame of the cloud: by Gauss and Newton, once for each of `radii_m`, within which a
+/// point's partner must lie.
 #[must_use]
-pub fn point_to_line(cloud: &Cloud, scan: &Points, guess: Pose2, prior: Prior<'_>, radii_m: &[f64]) -> Match {
+pub fn point_to_line(cloud: &Cloud, scan: &Points, start: Pose2, prior: Prior<'_>, radii_m: &[f64]) -> Match {
     let weight = 1.0 / (SIGMA_M * SIGMA_M);
-    let mut found = Match { pose: guess, information: ZERO, inliers: 0.0, rms_m: 0.0, lines: 0, spread: 0.0 };
+    let mut found = Match { pose: start, information: ZERO, inliers: 0.0, rms_m: 0.0, lines: 0, spread: 0.0 };
     for radius_m in radii_m {
         let sums = Sums::of(cloud, scan, found.pose, *radius_m);
         found.information = matrix::scaled(&sums.h, weight);
@@ -70,8 +100,8 @@ pub fn point_to_line(cloud: &Cloud, scan: &Points, guess: Pose2, prior: Prior<'_
         }
         let mut h = found.information;
         let mut g = sums.g.map(|value| value * weight);
-        if let Some(information) = prior {
-            let pull = matrix::apply(information, &seen_from(guess, found.pose));
+        if let Some((expected, information)) = prior {
+            let pull = matrix::apply(information, &seen_from(expected, found.pose));
             for row in 0..3 {
                 g[row] += pull[row];
             }
@@ -90,6 +120,20 @@ pub fn point_to_line(cloud: &Cloud, scan: &Points, guess: Pose2, prior: Prior<'_
         found.pose = found.pose * Pose2::new(-step[0] * shorter, -step[1] * shorter, turn);
     }
     found
+}
+
+/// Ω of a match: of what its points say a part.
+pub(crate) fn believed(information: &Matrix) -> Matrix {
+    let shared = matrix::sum(&matrix::scaled(information, 0.3), &matrix::diagonal([1.0; 3]));
+    let floor = matrix::diagonal([1e-4, 1e-4, 9e-6]);
+    matrix::symmetric(&matrix::inverse(&matrix::sum(&matrix::inverse(&shared), &floor)))
+}
+
+/// Without what it tells of the direction `along`, both seen from the scan.
+pub(crate) fn but_along(information: &Matrix, along: [f64; 2]) -> Matrix {
+    let [x, y] = along;
+    let across = [[1.0 - x * x, -x * y, 0.0], [-x * y, 1.0 - y * y, 0.0], [0.0, 0.0, 1.0]];
+    matrix::symmetric(&matrix::product(&matrix::product(&across, information), &across))
 }
 
 /// The normal equations of one iteration, in units of σ².

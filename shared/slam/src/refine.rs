@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use crate::cloud::Cloud;
-use crate::front::believed;
 use crate::graph::{Edge, Kind, Solver};
 use crate::matching::point_to_line;
 use crate::matrix::{self, Matrix};
@@ -34,22 +33,21 @@ impl Slam {
         let prior: Matrix = matrix::diagonal([25.0, 25.0, 100.0]);
         let radii: &[f64] = if round == 0 { &FIRST_RADII_M } else { &RADII_M };
         let mut edges: Vec<Edge> = Vec::new();
-        let way_m = |a: usize, b: usize| (self.drive.nodes[a].way_m - self.drive.nodes[b].way_m).abs();
         for (to, fixed) in &pairs {
             // The scan that several lie on is sorted once.
             let cloud =
                 Cloud::of(self.drive.graph.poses[*to], [(self.drive.graph.poses[*to], &self.drive.nodes[*to].points)]);
             for from in fixed {
                 let guess = self.drive.graph.poses[*to].inverse() * self.drive.graph.poses[*from];
-                let found = point_to_line(&cloud, &self.drive.nodes[*from].points, guess, Some(&prior), radii);
+                let found = point_to_line(&cloud, &self.drive.nodes[*from].points, guess, Some((guess, &prior)), radii);
                 if found.inliers > INLIERS_MIN && found.lines > LINES_MIN {
                     edges.push(Edge {
                         from: *to as u32,
                         to: *from as u32,
                         measured: found.pose,
-                        information: believed(&found.information),
+                        information: found.believed(),
                         kernel: KERNEL,
-                        kind: if way_m(*to, *from) < SAME_PASS_M { Kind::Match } else { Kind::Refined },
+                        kind: Kind::Refined,
                     });
                 }
             }

@@ -18,9 +18,8 @@ pub struct Report {
     pub places_tried: u64,
     /// Places that looked alike, but could not be told apart from others.
     pub ambiguous: u64,
-    /// What the odometry measured too much, as a share: of translation, of rotation; and what matches turned too
-    /// much, radians per metre.
-    pub scales: [f64; 3],
+    /// What the odometry measured too much, as a share: of translation, of rotation.
+    pub scales: [f64; 2],
     /// The pose at the end, one standard deviation in the frame of the map: x and y in metres, heading in radians. None without a pose.
     pub end_sigma: Option<[f64; 3]>,
     /// Every closure, in the order in which they were found.

@@ -12,8 +12,6 @@ use crate::scan::Points;
 
 /// What a drive measures too much or too little as a share, one standard deviation, where nobody says.
 const SCALE_SIGMA: f64 = 0.05;
-/// What matches turn too much, radians per metre, one standard deviation.
-const TURN_SIGMA: f64 = 1.5e-3;
 
 /// How many closures are found before the graph is solved, when the drive is over.
 const SOLVE_EVERY: u32 = 10;
@@ -67,7 +65,7 @@ impl Slam {
     #[must_use]
     pub fn new(config: &SlamConfig, odometry: &OdometryConfig) -> Self {
         let scale_sigma = SCALE_SIGMA.max(odometry.lin_scale).max(odometry.ang_scale);
-        let graph = Graph { scale_sigmas: [scale_sigma, scale_sigma, TURN_SIGMA], ..Graph::default() };
+        let graph = Graph { scale_sigma, ..Graph::default() };
         let noise = Noise::of(odometry, scale_sigma);
         Self { config: config.clone(), noise, drive: Drive { graph, ..Drive::default() } }
     }
