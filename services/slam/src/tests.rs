@@ -2,6 +2,9 @@ use echogrid_core::{Echo, Sensor};
 
 use super::*;
 
+/// Poses by stamp.
+type Path = Vec<(u64, Pose2)>;
+
 /// A lidar of 181 beams in the middle of the robot.
 fn robot() -> Robot {
     let sensor = Sensor {
@@ -49,10 +52,7 @@ fn seen(robot: &Robot, at: Pose2) -> Vec<Reading> {
 }
 
 /// Round the room three times; the odometry counts 4 % too much of its way and 3 % too little of its turns.
-fn drive(
-    service: &mut SlamService,
-    mut between: impl FnMut(&mut SlamService, u64),
-) -> (Vec<(u64, Pose2)>, Vec<(u64, Pose2)>) {
+fn drive(service: &mut SlamService, mut between: impl FnMut(&mut SlamService, u64)) -> (Path, Path) {
     let robot = robot();
     let mut out = Outbox::default();
     let mut send = |service: &mut SlamService, stamp_ns, message| {

@@ -232,8 +232,8 @@ impl Solver {
                 farthest = step.iter().fold(farthest, |far, value| far.max(value.abs()));
             }
             if let Some(step) = self.has_scales.then(|| step.last()).flatten() {
-                for axis in 0..2 {
-                    graph.scales[axis] = (graph.scales[axis] + step[axis]).clamp(-0.5, 0.5);
+                for (scale, step) in graph.scales.iter_mut().zip(step) {
+                    *scale = (*scale + step).clamp(-0.5, 0.5);
                 }
             }
             if farthest < 1e-5 {

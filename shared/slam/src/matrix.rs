@@ -128,9 +128,9 @@ mod tests {
             let a = [[values[0], values[1], values[2]], [values[3], values[4], values[5]], [values[6], values[7], values[8]]];
             let definite = sum(&transposed_product(&a, &a), &diagonal([0.1; 3]));
             let one = product(&definite, &inverse(&definite));
-            for row in 0..3 {
-                for column in 0..3 {
-                    prop_assert!((one[row][column] - f64::from(u8::from(row == column))).abs() < 1e-9);
+            for (row, line) in one.iter().enumerate() {
+                for (column, value) in line.iter().enumerate() {
+                    prop_assert!((value - f64::from(u8::from(row == column))).abs() < 1e-9);
                 }
             }
         }
