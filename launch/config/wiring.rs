@@ -76,6 +76,7 @@ impl Builtin {
             Self::Simulator => echogrid_simulator::DECLARATION,
             Self::Pioneer => echogrid_pioneer::DECLARATION,
             Self::Odometry => echogrid_odometry::DECLARATION,
+            Self::Slam => echogrid_slam_service::DECLARATION,
             Self::Localizer => echogrid_localizer::DECLARATION,
             Self::Mapper => echogrid_mapper::DECLARATION,
             Self::Publisher => echogrid_publisher::DECLARATION,

@@ -16,7 +16,7 @@ use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
     DrivePose, Estimate, Incidents, JointCovariance, Leaps, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
 };
-use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_slam::{Drive, Points, Slam, SlamConfig};
 use echogrid_topics::{Message, PoseEstimate, RawOdometry, Topic};
 use history::History;
@@ -28,6 +28,8 @@ pub use files::{CLOSURES_FILE, FILES, GRAPH_FILE, PATH_FILE};
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate];
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &[] };
 
 /// How far a pose is off among its neighbours, one standard deviation, metres and radians. (How far all are off together is no matter
 /// to the map.)
