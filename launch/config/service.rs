@@ -160,8 +160,16 @@ impl Builtin {
     }
 
     /// All of them.
-    pub const ALL: [Self; 8] =
-        [Self::Replay, Self::Simulator, Self::Pioneer, Self::Odometry, Self::Slam, Self::Localizer, Self::Mapper, Self::Publisher];
+    pub const ALL: [Self; 8] = [
+        Self::Replay,
+        Self::Simulator,
+        Self::Pioneer,
+        Self::Odometry,
+        Self::Slam,
+        Self::Localizer,
+        Self::Mapper,
+        Self::Publisher,
+    ];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
     #[must_use]

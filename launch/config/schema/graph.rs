@@ -20,10 +20,19 @@ use super::super::wiring::Wiring;
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
-pub(crate) static GRAPH: &[&Section] =
-    &[
-        &RUN, &REPLAY, &SIMULATOR, &PIONEER, &ODOMETRY, &SLAM, &LOCALIZATION, &LOCALIZER, &MAPPER, &PUBLISHER, &SUPERVISION,
-    ];
+pub(crate) static GRAPH: &[&Section] = &[
+    &RUN,
+    &REPLAY,
+    &SIMULATOR,
+    &PIONEER,
+    &ODOMETRY,
+    &SLAM,
+    &LOCALIZATION,
+    &LOCALIZER,
+    &MAPPER,
+    &PUBLISHER,
+    &SUPERVISION,
+];
 
 static RUN: Section = Section {
     name: "run",

@@ -14,8 +14,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    Chunks, GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot, SensorKind,
-    TILE_CELLS, TileIndex, Verdict, VerdictCounts,
+    Chunks, GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot,
+    SensorKind, TILE_CELLS, TileIndex, Verdict, VerdictCounts,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::contract::MAX_SENSORS;
