@@ -7,16 +7,20 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Once;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use redb::backends::FileBackend;
-use redb::{Database, ReadableDatabase, ReadableTable, StorageBackend, TableDefinition};
+use redb::{Database, DatabaseError, ReadableDatabase, ReadableTable, StorageBackend, TableDefinition};
 
 use super::beginning;
 use super::shelf::{Change, Shelf, Table};
 
 /// Everything is written soon after it is read for the last time.
 const CACHE_BYTES: usize = 4 << 20;
+/// What the next launcher in a domain gives to orphans, too.
+const ORPHANS_LEAVE_WITHIN: Duration = Duration::from_secs(5);
+const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 fn definition(table: Table) -> TableDefinition<'static, &'static [u8], &'static [u8]> {
     TableDefinition::new(table.name())
@@ -145,14 +149,23 @@ fn sweep_unfinished(file: &Path) {
 }
 
 fn database(file: &Path, synced: bool) -> Result<Database> {
-    let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(file)?;
+    let backend = backend(file)?;
     let mut builder = Database::builder();
     builder.set_cache_size(CACHE_BYTES);
-    Ok(if synced {
-        builder.create_with_backend(FileBackend::new(open)?)?
-    } else {
-        builder.create_with_backend(Unsynced(FileBackend::new(open)?))?
-    })
+    Ok(if synced { builder.create_with_backend(backend)? } else { builder.create_with_backend(Unsynced(backend))? })
+}
+
+/// The file, once nobody else holds it: the processes of a launcher that was killed may, until they have left.
+fn backend(file: &Path) -> Result<FileBackend> {
+    let deadline = Instant::now() + ORPHANS_LEAVE_WITHIN;
+    loop {
+        let open = OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(file)?;
+        match FileBackend::new(open) {
+            // redb offers nothing to wait on.
+            Err(DatabaseError::DatabaseAlreadyOpen) if Instant::now() < deadline => std::thread::sleep(LOOK_EVERY),
+            backend => return Ok(backend?),
+        }
+    }
 }
 
 /// A file that outlives its process, and need not outlive the machine.
@@ -182,5 +195,25 @@ impl StorageBackend for Unsynced {
 
     fn close(&self) -> io::Result<()> {
         self.0.close()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_still_holds_the_file_is_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("mapper.redb");
+        drop(open(&file, 7, false).unwrap());
+        let held = FileBackend::new(std::fs::File::options().read(true).write(true).open(&file).unwrap()).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(10 * LOOK_EVERY);
+                drop(held);
+            });
+            assert!(open(&file, 7, false).is_ok());
+        });
     }
 }
