@@ -63,8 +63,11 @@ fn the_papers_claim_holds_on_a_recorded_drive() {
     let bits = |sets: &[&str]| {
         let out = path(folder.path());
         let unfiltered = "mapper.filters=[\"range\", \"selection\"]";
-        let sets: Vec<&str> =
-            sets.iter().chain([&unfiltered, &"mapper.fusion=paper"]).flat_map(|set| ["--set", set]).collect();
+        let sets: Vec<&str> = sets
+            .iter()
+            .chain([&unfiltered, &"mapper.fusion=paper", &"mapper.footprint_m=0"])
+            .flat_map(|set| ["--set", set])
+            .collect();
         let output = echogrid([&["map", &log, "--out", &out, "-q"][..], &sets].concat());
         assert!(output.status.success(), "{}", said(&output));
         let map = path(&folder.path().join("map.echogrid"));

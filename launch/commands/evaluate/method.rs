@@ -13,10 +13,14 @@ pub(super) struct Method {
 
 /// As readings come, but for limits and selection.
 const RAW: &str = "mapper.filters=[\"range\", \"selection\"]";
+/// What rules need that do not know that walls mirror.
+const BUBBLE: &str = "mapper.filters=[\"range\", \"selection\", \"stuck\", \"bubble\"]";
+const LONE: &str = "mapper.filters=[\"range\", \"selection\", \"stuck\", \"lone\", \"bubble\"]";
 /// The paper's choice of sonars.
 const CORRIDOR: &str = "mapper.sonars=corridor";
-const LONE: &str = "mapper.filters=[\"range\", \"selection\", \"stuck\", \"lone\", \"bubble\"]";
 const REMAP: &str = "mapper.remap=true";
+/// As the robot drives, never in hindsight.
+const ONLINE: &str = "mapper.remap=false";
 const PAPER: &str = "mapper.fusion=paper";
 const COVARIANCE: &str = "mapper.fusion=covariance";
 const FIRST_ECHO: &str = "mapper.fusion=first_echo";
@@ -30,30 +34,28 @@ const K_TL: &str = "odometry.k_tl=0";
 
 /// Every rule of fusion with every filter, and what a fix can do besides.
 const METHODS: &[Method] = &[
-    Method { name: "fixed σ, no filter", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL, RAW] },
-    Method { name: "fixed σ", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL] },
-    Method { name: "paper, no filter", sets: &[PAPER, RAW] },
-    Method { name: "paper", sets: &[PAPER] },
-    Method { name: "paper, lone", sets: &[PAPER, LONE] },
-    Method { name: "paper, 8 sonars", sets: &[PAPER, CORRIDOR] },
-    Method { name: "paper, remap", sets: &[PAPER, REMAP] },
-    Method { name: "covariance, no filter", sets: &[COVARIANCE, RAW] },
-    Method { name: "covariance", sets: &[COVARIANCE] },
-    Method { name: "covariance, lone", sets: &[COVARIANCE, LONE] },
-    Method { name: "covariance, 8 sonars", sets: &[COVARIANCE, CORRIDOR] },
-    Method { name: "covariance, remap", sets: &[COVARIANCE, REMAP] },
-    Method { name: "first_echo, no filter", sets: &[FIRST_ECHO, RAW] },
-    Method { name: "first_echo", sets: &[FIRST_ECHO] },
-    Method { name: "first_echo, lone", sets: &[FIRST_ECHO, LONE] },
-    Method { name: "first_echo, 8 sonars", sets: &[FIRST_ECHO, CORRIDOR] },
-    Method { name: "first_echo, remap", sets: &[FIRST_ECHO, REMAP] },
+    Method { name: "fixed σ, no filter", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL, RAW, ONLINE] },
+    Method { name: "fixed σ", sets: &[PAPER, SYSTEMATIC, K_LL, K_LT, K_TT, K_TL, BUBBLE, ONLINE] },
+    Method { name: "paper, no filter", sets: &[PAPER, RAW, ONLINE] },
+    Method { name: "paper", sets: &[PAPER, BUBBLE, ONLINE] },
+    Method { name: "paper, lone", sets: &[PAPER, LONE, ONLINE] },
+    Method { name: "paper, 8 sonars", sets: &[PAPER, CORRIDOR, BUBBLE, ONLINE] },
+    Method { name: "paper, remap", sets: &[PAPER, BUBBLE, REMAP] },
+    Method { name: "covariance, no filter", sets: &[COVARIANCE, RAW, ONLINE] },
+    Method { name: "covariance", sets: &[COVARIANCE, BUBBLE, ONLINE] },
+    Method { name: "covariance, lone", sets: &[COVARIANCE, LONE, ONLINE] },
+    Method { name: "covariance, 8 sonars", sets: &[COVARIANCE, CORRIDOR, BUBBLE, ONLINE] },
+    Method { name: "covariance, remap", sets: &[COVARIANCE, BUBBLE, REMAP] },
+    Method { name: "first_echo, no filter", sets: &[FIRST_ECHO, RAW, ONLINE] },
+    Method { name: "first_echo", sets: &[FIRST_ECHO, BUBBLE, ONLINE] },
+    Method { name: "first_echo, lone", sets: &[FIRST_ECHO, LONE, ONLINE] },
+    Method { name: "first_echo, 8 sonars", sets: &[FIRST_ECHO, CORRIDOR, BUBBLE, ONLINE] },
+    Method { name: "first_echo, remap", sets: &[FIRST_ECHO, BUBBLE, REMAP] },
     Method { name: "first_echo, lone, remap", sets: &[FIRST_ECHO, LONE, REMAP] },
-    Method { name: "first_echo, 8 sonars, remap", sets: &[FIRST_ECHO, CORRIDOR, REMAP] },
-    Method { name: "oriented, no filter", sets: &[ORIENTED, RAW] },
-    Method { name: "oriented", sets: &[ORIENTED] },
+    Method { name: "first_echo, 8 sonars, remap", sets: &[FIRST_ECHO, CORRIDOR, BUBBLE, REMAP] },
+    Method { name: "oriented, no remap", sets: &[ORIENTED, ONLINE] },
+    Method { name: "oriented, bubble", sets: &[ORIENTED, BUBBLE] },
     Method { name: "oriented, 8 sonars", sets: &[ORIENTED, CORRIDOR] },
-    Method { name: "oriented, no filter, remap", sets: &[ORIENTED, RAW, REMAP] },
-    Method { name: "oriented, remap", sets: &[ORIENTED, REMAP] },
     Method { name: "as it comes", sets: &[] },
 ];
 

@@ -74,16 +74,24 @@ impl Variant {
     /// The configuration of the drive mapped so.
     pub(super) fn config(&self, drive: &Drive, out: &Path) -> Result<Config> {
         let sonars = if self.all_sonars { "\"all\"".to_owned() } else { format!("{SIDE_SONARS:?}") };
-        // The paper refuses no reading for being doubtful, and gave up the bubble circles.
+        // The paper refuses no reading for being doubtful, gave up the bubble circles, and clears nothing by driving over it or in hindsight.
         let filters = "mapper.filters=[\"range\", \"selection\"]".to_owned();
         let rule = "mapper.fusion=paper".to_owned();
+        let as_it_drives = ["mapper.footprint_m=0", "mapper.remap=false"].map(str::to_owned);
         let common = ["mapper.min_trust=0".to_owned(), rule, filters, format!("mapper.sonars={sonars}")];
         let files = ["publisher.formats=[\"png\", \"echogrid\"]".to_owned()];
         let request = LoadRequest {
             sensor: Some("simulator".to_owned()),
             robot: Some("pioneer3at".to_owned()),
             out: Some(out.to_string_lossy().into_owned()),
-            sets: drive.sets().into_iter().chain(common).chain(files).chain(self.sets.iter().cloned()).collect(),
+            sets: drive
+                .sets()
+                .into_iter()
+                .chain(common)
+                .chain(as_it_drives)
+                .chain(files)
+                .chain(self.sets.iter().cloned())
+                .collect(),
             ..LoadRequest::default()
         };
         Ok(Config::load(&request)
