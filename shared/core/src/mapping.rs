@@ -3,7 +3,7 @@
 mod recorders;
 mod saving;
 
-use crate::config::{ConfigError, MapperConfig, Noise};
+use crate::config::{ConfigError, MapperConfig, Noise, OdometryConfig};
 use crate::driven::Driven;
 use crate::filter::{Chain, Channel, channels, range_of};
 use crate::fusion::{Fuser, Sounding, Weighed};
@@ -20,6 +20,37 @@ use recorders::Recorders;
 pub use saving::RestoreError;
 
 /// Fuses readings into an occupancy grid.
+///
+/// ```
+/// use echogrid_core::{Echo, Estimate, GridMapper, MapperConfig, Pose2, Reading, Robot, Sensor, SensorKind, Verdict};
+///
+/// // A robot with one sonar, which looks ahead from 0.2 m before the base.
+/// let sonar = Sensor {
+///     kind: SensorKind::Sonar,
+///     base_from_sensor: Pose2::new(0.2, 0.0, 0.0),
+///     first_transducer: 0,
+///     transducers: 1,
+///     first_bearing_rad: 0.0,
+///     bearing_step_rad: 0.0,
+///     aperture_rad: 0.52,
+///     range_min_m: 0.15,
+///     range_max_m: 5.0,
+///     range_error_ratio: 0.01,
+/// };
+/// let robot = Robot { sensors: vec![sonar], ..Robot::default() };
+/// let mut mapper = GridMapper::with_defaults_of_odometry(&MapperConfig::default(), robot)?;
+///
+/// // A wall, 2 m from the sonar, heard from a pose that is known.
+/// let reading = Reading { transducer: 0, echo: Echo::Hit { range_m: 2.0 }, offset_ns: 0 };
+/// let verdicts = mapper.integrate_scan(1, &[(reading, Some(Estimate::certain(Pose2::IDENTITY)))]);
+/// assert_eq!(verdicts, [Verdict::Accepted]);
+///
+/// let grid = mapper.grid();
+/// let log_odds = |x| grid.log_odds(grid.cell_at(x, 0.0));
+/// assert!(log_odds(2.2) > log_odds(1.0), "the wall is likelier than the way to it");
+/// assert_eq!(log_odds(4.0), None, "behind it nothing is known");
+/// # Ok::<(), echogrid_core::ConfigError>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct GridMapper {
     /// Of what it is made, in a number.
@@ -56,6 +87,15 @@ impl GridMapper {
             taken: Mark::default(),
             summary: RunningSummary::default(),
         })
+    }
+
+    /// A mapper with an empty grid that needs no settings of the odometry: the noise rule and the seed of eqs 22, 23 are the defaults.
+    ///
+    /// # Errors
+    /// As [`GridMapper::new`].
+    pub fn with_defaults_of_odometry(mapper: &MapperConfig, robot: Robot) -> Result<Self, ConfigError> {
+        let OdometryConfig { noise, seed, .. } = OdometryConfig::default();
+        Self::new(mapper, noise, seed, robot)
     }
 
     /// Algorithm 1 of the paper, for a whole scan, the ring `sequence`: each reading, and where the robot was when it was

@@ -151,6 +151,29 @@ impl Estimate {
         }
     }
 
+    /// The estimate of whoever tells a pose with its covariance of (x, y, θ): m², m rad, rad², in the map frame. The errors of eqs 1–4
+    /// are as large as it: ε_lin its greatest variance of a position, ε_ang that of the heading.
+    ///
+    /// ```
+    /// use echogrid_core::{Estimate, Matrix3, Pose2};
+    ///
+    /// let covariance = Matrix3::from_diagonal(&[0.04, 0.01, 0.001].into());
+    /// let estimate = Estimate::with_covariance(Pose2::new(1.0, 2.0, 0.5), &covariance);
+    /// assert_eq!(estimate.pose_covariance(), covariance);
+    /// assert!((estimate.errors.eps_lin_m2 - 0.04).abs() < 1e-12);
+    /// ```
+    #[must_use]
+    pub fn with_covariance(pose: Pose2, covariance: &Matrix3<f64>) -> Self {
+        let mut estimate = Self::certain(pose);
+        estimate.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(covariance);
+        let position = covariance.fixed_view::<2, 2>(0, 0);
+        let (trace, determinant) = (position.trace(), position.determinant());
+        let greatest = 0.5 * trace + (0.25 * trace * trace - determinant).max(0.0).sqrt();
+        estimate.errors.eps_lin_m2 = greatest;
+        estimate.errors.eps_ang_rad2 = covariance[(2, 2)];
+        estimate
+    }
+
     /// Covariance of (x, y, θ) alone, map frame; m², m rad, rad².
     #[must_use]
     pub fn pose_covariance(&self) -> Matrix3<f64> {
@@ -195,6 +218,17 @@ impl Estimate {
 }
 
 /// Dead reckoning: the state that turns odometry poses into estimates.
+///
+/// ```
+/// use echogrid_core::{Odometry, OdometryConfig, Pose2};
+///
+/// let mut odometry = Odometry::new(&OdometryConfig::default());
+/// odometry.step(Pose2::IDENTITY);
+/// let near = odometry.step(Pose2::new(1.0, 0.0, 0.0));
+/// let far = odometry.step(Pose2::new(5.0, 0.0, 0.0));
+/// assert_eq!(far.travel_m, 5.0);
+/// assert!(far.errors.eps_lin_m2 > near.errors.eps_lin_m2, "the error grows with the way");
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Odometry {
     model: ErrorModel,
