@@ -21,16 +21,22 @@ pub struct PublisherConfig {
     pub free_thresh: f64,
     /// Whether the picture shows where the robot went.
     pub draw_path: bool,
+    /// Whether heading, scale bar and a legend go with the picture.
+    pub draw_legend: bool,
+    /// The map is saved each time that so much of the sensor's time has passed, seconds; 0: at the end, and when told to.
+    pub save_every_s: f64,
     /// Most points of the path; a longer way has them farther apart.
     pub path_points_max: usize,
 }
 
+/// How often a map may be saved while it grows, seconds.
+const SAVE_EVERY_S: RangeInclusive<f64> = 1.0..=86_400.0;
 /// How many points of the path there can be at most.
 const PATH_POINTS: RangeInclusive<usize> = 16..=10_000_000;
 
 impl Default for PublisherConfig {
     fn default() -> Self {
-        let MapFileOptions { formats, mode, thresholds, draw_path } = MapFileOptions::default();
+        let MapFileOptions { formats, mode, thresholds, draw_path, draw_legend } = MapFileOptions::default();
         let Thresholds { occupied, free } = thresholds;
         Self {
             formats,
@@ -38,6 +44,8 @@ impl Default for PublisherConfig {
             occupied_thresh: occupied,
             free_thresh: free,
             draw_path,
+            draw_legend,
+            save_every_s: 0.0,
             path_points_max: 1 << 16,
         }
     }
@@ -72,6 +80,9 @@ impl PublisherConfig {
                 "a probability above 0 and below occupied_thresh, by 0.01 at least",
             );
         }
+        if !(self.save_every_s == 0.0 || SAVE_EVERY_S.contains(&self.save_every_s)) {
+            return refuse("save_every_s", self.save_every_s.to_string(), "0, or seconds from 1 to 86400");
+        }
         if !PATH_POINTS.contains(&self.path_points_max) {
             return refuse("path_points_max", self.path_points_max.to_string(), "a whole number from 16 to 10000000");
         }
@@ -86,6 +97,7 @@ impl PublisherConfig {
             mode: self.pgm_mode,
             thresholds: Thresholds { occupied: self.occupied_thresh, free: self.free_thresh },
             draw_path: self.draw_path,
+            draw_legend: self.draw_legend,
         }
     }
 }

@@ -48,6 +48,8 @@ pub struct PublisherService {
     sonars: SonarSheet,
     path: Path,
     written: Vec<PathBuf>,
+    /// When the map is saved next, by the sensor's clock; none before the first pose.
+    next_save_ns: Option<u64>,
 }
 
 impl PublisherService {
@@ -58,7 +60,17 @@ impl PublisherService {
     pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
         config.validate().context("[publisher]")?;
         let (sonars, path) = (SonarSheet::default(), Path::new(config.path_points_max));
-        Ok(Self { config, out, provenance, grid: None, doubt: None, sonars, path, written: Vec::new() })
+        Ok(Self {
+            config,
+            out,
+            provenance,
+            grid: None,
+            doubt: None,
+            sonars,
+            path,
+            written: Vec::new(),
+            next_save_ns: None,
+        })
     }
 
     /// From the plan of a run.
@@ -74,6 +86,24 @@ impl PublisherService {
     #[must_use]
     pub fn written(&self) -> &[PathBuf] {
         &self.written
+    }
+
+    /// Saves the map as it grows, where that was asked for. What can't be written now may be later.
+    fn save_in_time(&mut self, stamp_ns: u64) {
+        if self.config.save_every_s <= 0.0 {
+            return;
+        }
+        let every_ns = (self.config.save_every_s * 1e9) as u64;
+        let next_ns = *self.next_save_ns.get_or_insert(stamp_ns.saturating_add(every_ns));
+        if stamp_ns < next_ns {
+            return;
+        }
+        self.next_save_ns = Some(stamp_ns.saturating_add(every_ns));
+        if self.grid.is_some()
+            && let Err(error) = self.save()
+        {
+            tracing::warn!(%error, "the map so far is not saved");
+        }
     }
 
     fn save(&mut self) -> Result<()> {
@@ -129,6 +159,7 @@ impl Service for PublisherService {
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } if !estimate.unplaced => {
                 let PoseEstimate { estimate, trust, .. } = estimate;
                 self.path.follow(PathPoint { stamp_ns, pose: estimate.pose, trust });
+                self.save_in_time(stamp_ns);
             }
             Input::Message { .. } => {}
             Input::Finish => self.save()?,

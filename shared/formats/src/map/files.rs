@@ -39,12 +39,20 @@ pub struct MapFileOptions {
     pub thresholds: Thresholds,
     /// Whether the picture shows where the robot went; where it is now, it always shows.
     pub draw_path: bool,
+    /// Whether heading, scale bar and a legend go with the picture.
+    pub draw_legend: bool,
 }
 
 impl Default for MapFileOptions {
     fn default() -> Self {
         let formats = MapFormat::ALL.to_vec();
-        Self { formats, mode: MapMode::default(), thresholds: Thresholds::default(), draw_path: true }
+        Self {
+            formats,
+            mode: MapMode::default(),
+            thresholds: Thresholds::default(),
+            draw_path: true,
+            draw_legend: false,
+        }
     }
 }
 
@@ -103,7 +111,8 @@ impl MapFiles {
         };
         let document = part.as_ref().map_or(document, |(part, _)| part);
         if options.has(MapFormat::Png) {
-            write_whole(&file("map.png"), &picture::encode(document, options.draw_path)?)?;
+            let encode = if options.draw_legend { picture::encode_with_legend } else { picture::encode };
+            write_whole(&file("map.png"), &encode(document, options.draw_path)?)?;
         }
         write_together(&Self::framed(folder, document, options)?)?;
         if let Some(metres) = document.doubt.as_ref().filter(|_| options.has(MapFormat::Png)) {

@@ -18,6 +18,7 @@ mod document;
 pub mod doubt;
 mod error;
 mod files;
+mod legend;
 mod main_part;
 pub mod map_server;
 pub mod native;

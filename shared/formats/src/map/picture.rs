@@ -14,7 +14,7 @@ use echogrid_core::{CellIndex, Grid, Pose2, Raster, Wall};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
 use super::occupancy::{CELLS_MAX, probability, raster_of};
-use super::{MapDocument, MapError};
+use super::{MapDocument, MapError, legend};
 use crate::whole_file::write_whole;
 
 /// Colour of unknown cells: red, green, blue.
@@ -38,6 +38,25 @@ const ROBOT_RADIUS_M: f64 = 0.2;
 /// # Errors
 /// When the known cells lie too far apart for a picture.
 pub fn encode(document: &MapDocument, draw_path: bool) -> Result<Vec<u8>, MapError> {
+    let canvas = drawn(document, draw_path)?;
+    encode_png(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
+}
+
+/// The same with the heading of the robot, and below it a scale bar, the axes, and what the colours mean.
+///
+/// # Errors
+/// As [`encode`].
+pub fn encode_with_legend(document: &MapDocument, draw_path: bool) -> Result<Vec<u8>, MapError> {
+    let mut canvas = drawn(document, draw_path)?;
+    if let Some(Pose2 { x, y, theta }) = document.path.last().map(|last| last.pose).filter(|pose| pose.is_finite()) {
+        let ahead = 2.5 * ROBOT_RADIUS_M.max(4.0 / canvas.pixels_per_m);
+        canvas.line([x, y], [x + ahead * libm::cos(theta), y + ahead * libm::sin(theta)], ROBOT);
+    }
+    let legend = legend::below(&canvas.pixels, canvas.width, canvas.height, canvas.pixels_per_m, draw_path);
+    legend.encode().map_err(|error| MapError::Image { path: "map.png".into(), what: error.to_string() })
+}
+
+fn drawn(document: &MapDocument, draw_path: bool) -> Result<Canvas, MapError> {
     let raster = raster_of(&document.grid)?;
     let path = if draw_path { document.path.as_slice() } else { document.path.last().map_or(&[][..], slice::from_ref) };
     // Where nothing was mapped any more the robot went on all the same.
@@ -48,7 +67,7 @@ pub fn encode(document: &MapDocument, draw_path: bool) -> Result<Vec<u8>, MapErr
     if let Some(last) = document.path.last().filter(|last| last.pose.is_finite()) {
         canvas.disc(last.pose, ROBOT_RADIUS_M, 4.0, ROBOT);
     }
-    encode_png(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
+    Ok(canvas)
 }
 
 /// Colours of a judged map: red, green, blue.
