@@ -1,6 +1,5 @@
-//! Talking to a running graph: `echogrid save`, `echogrid status`.
+//! Talking to a running graph: `echogrid save`, `echogrid fix`.
 
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -8,8 +7,7 @@ use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_core::{Fix, Pose2};
 use echogrid_formats::map::MapFormat;
 use echogrid_service::Plan;
-use echogrid_topics::{Command, Domain, Health, Input, MapInfo, Participant, Received};
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use echogrid_topics::{Command, Domain, Participant};
 
 use crate::config::{self, ServiceKind};
 
@@ -19,8 +17,6 @@ const SAVED_WITHIN: Duration = Duration::from_secs(60);
 const DONE_WITHIN: Duration = Duration::from_secs(10);
 /// A robot that nobody tells to go on stops: within a second, say.
 const TOLD_AGAIN: Duration = Duration::from_millis(250);
-/// Every service says how it is doing four times a second.
-const HEARD_WITHIN: Duration = Duration::from_secs(1);
 
 /// Has every publisher of a graph save its map.
 pub(super) fn save(domain: Option<&str>) -> Result<()> {
@@ -115,67 +111,8 @@ fn order(domain: Option<&str>, kind: ServiceKind, command: Command, within: Dura
     Ok(())
 }
 
-/// Tells how the services of a graph are doing, or which graphs run.
-pub(super) fn status(domain: Option<&str>) -> Result<()> {
-    let running = echogrid_topics::domain::running();
-    if domain.is_none() && running.len() != 1 {
-        let text = if running.is_empty() { none_runs() } else { running.join("\n") };
-        return super::print(&format!("{text}\n"));
-    }
-    let domain = choose(domain)?;
-    let participant = Participant::join(&domain, "echogrid status")?;
-    let services: config::Config = Plan::read(&domain)?.config.try_into().context("in the plan of the graph")?;
-    let heard = listen(&participant, services.services.len())?;
-    let mut text = format!("domain {}\n", domain.name());
-    for name in services.services.keys() {
-        text += &match heard.get(name) {
-            None => format!("{name:<10} not heard of within {} s\n", HEARD_WITHIN.as_secs()),
-            Some(health) => {
-                let state = health.state.word();
-                let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
-                let Health { pid, progress, faults, lost, note, .. } = health;
-                let note = if note.is_empty() { String::new() } else { format!("; {note}") };
-                format!(
-                    "{name:<10} {state:<9} process {pid}, {progress}{of} messages, {faults} faulty, {lost} lost{note}\n"
-                )
-            }
-        };
-    }
-    if let Some(map) = latest_map(&participant)? {
-        let state = match (map.held, map.degraded) {
-            (true, true) => ", degraded: mapping holds",
-            (true, false) => ", mapping holds",
-            (false, true) => ", degraded",
-            (false, false) => "",
-        };
-        let localized = crate::summary::localized(map.fixes);
-        let MapInfo { scans, trust, distance_m, .. } = map;
-        text += &format!("map        {scans} scans, {distance_m:.1} m, trust {trust:.3}{localized}{state}\n");
-    }
-    super::print(&text)
-}
-
-/// The map in numbers, as the mapper told last.
-fn latest_map(participant: &Participant) -> Result<Option<MapInfo>> {
-    let mut port: Input<MapInfo> = Input::typed(participant)?;
-    let deadline = Instant::now() + HEARD_WITHIN;
-    loop {
-        port.hush()?;
-        if let Some(Received::Message(_, info)) = port.receive()? {
-            return Ok(Some(info));
-        }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            return Ok(None);
-        }
-        let mut fds: Vec<_> = port.fd().into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
-        let millis = u16::try_from(left.as_millis()).unwrap_or(u16::MAX);
-        poll(&mut fds, PollTimeout::from(millis)).context("waiting for the mapper")?;
-    }
-}
-
 /// That no graph of this user runs; and whose do, which are theirs to talk to.
-fn none_runs() -> String {
+pub(super) fn none_runs() -> String {
     let others = echogrid_topics::domain::others();
     let others: Vec<String> = others
         .iter()
@@ -201,27 +138,4 @@ pub(super) fn choose(domain: Option<&str>) -> Result<Domain> {
         [only] => Ok(Domain::named(only)?),
         several => bail!("several graphs run: choose one with --domain ({})", several.join(", ")),
     }
-}
-
-/// What the services say of themselves, until `services` of them were heard.
-fn listen(participant: &Participant, services: usize) -> Result<BTreeMap<String, Health>> {
-    let mut port: Input<Health> = Input::typed(participant)?;
-    let mut heard = BTreeMap::new();
-    let deadline = Instant::now() + HEARD_WITHIN;
-    while heard.len() < services {
-        port.hush()?;
-        while let Some(received) = port.receive()? {
-            if let Received::Message(_, health) = received {
-                heard.insert(health.service.clone(), health);
-            }
-        }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
-            break;
-        }
-        let timeout = PollTimeout::try_from(left).unwrap_or(PollTimeout::MAX);
-        let mut fds: Vec<_> = port.fd().into_iter().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
-        poll(&mut fds, timeout).context("waiting for the services")?;
-    }
-    Ok(heard)
 }
