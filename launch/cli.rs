@@ -46,8 +46,12 @@ pub enum Command {
     },
     /// A log in, a map out: replays a recorded drive through the whole graph.
     Map {
-        /// CARMEN, Wean Hall or GMapping (.gfs) log or CSV with a header, plain or .gz, .bz2, .zst; or the measurement file of a Udacity sonar pair.
+        /// ROS 1 bag or MCAP; CARMEN, Wean Hall or GMapping (.gfs) log or CSV with a header, plain or .gz, .bz2, .zst; or the
+        /// measurement file of a Udacity sonar pair.
         log: PathBuf,
+        /// Of a recording: this topic, in place of others of its type; may be repeated [default: those that are the only ones].
+        #[arg(long = "topic", value_name = "NAME")]
+        topics: Vec<String>,
         /// Settings of the run: a graph file, or as much of one as `echogrid calibrate --out` writes.
         #[arg(long, value_name = "FILE")]
         config: Option<PathBuf>,
@@ -57,6 +61,14 @@ pub enum Command {
         /// What is shown of it.
         #[command(flatten)]
         view: View,
+    },
+    /// Tells what a file is and what is in it: log, recording, map, world, landmarks, robot, graph.
+    Info {
+        /// Any file that echogrid reads, or knows.
+        file: PathBuf,
+        /// Prints it as JSON.
+        #[arg(long)]
+        json: bool,
     },
     /// Runs the graph of a graph file.
     Up {
@@ -177,6 +189,23 @@ pub enum Command {
         /// Which graph; none: all that run.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
+        /// Prints it as JSON.
+        #[arg(long)]
+        json: bool,
+        /// Looks once a second, until the graph ends; with --json each look is a line.
+        #[arg(long, short)]
+        watch: bool,
+    },
+    /// Prints what completes this command line in a shell: `echogrid completions bash > ~/.local/share/bash-completion/completions/echogrid`.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Prints the manual page, or writes those of all commands into a folder.
+    Man {
+        /// The folder; `man -l FOLDER/echogrid-map.1` shows a page.
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
     },
     /// Converts between log formats, or from a map to other map formats.
     Convert {
@@ -196,9 +225,15 @@ pub enum Command {
         /// (map_server).
         #[arg(long, value_name = "NAME|FILE")]
         world: PathBuf,
-        /// A log that knows where the robot really was (TRUEPOS) [default: the path in the map].
+        /// A log that knows where the robot really was (TRUEPOS, or see --truth) [default: the path in the map].
         #[arg(long, value_name = "LOG")]
         path: Option<PathBuf>,
+        /// Who says it in a recording: tf (map to odom), or a topic of poses.
+        #[arg(long, value_name = "tf|TOPIC", requires = "path")]
+        truth: Option<String>,
+        /// Of that recording: this topic, in place of others of its type; may be repeated.
+        #[arg(long = "topic", value_name = "NAME", requires = "path")]
+        topics: Vec<String>,
         /// Lays the map on the world: by the first pose of its path, on where the robot really was then; by all of its path, as
         /// well as it goes; or not at all [default: start; none where fixes or --start told where the map lies].
         #[arg(long, value_enum)]
@@ -477,7 +512,8 @@ pub struct Settings {
     #[arg(long, conflicts_with_all = ["fix", "fix_every"])]
     pub slam: bool,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
-    /// a log that knows); or a file: surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
+    /// a log that knows), tf (a recording's map to odom), topic:NAME (its poses); or a file: surveyed landmarks (.toml), or a
+    /// reference path with lines `t x y theta` [default: none].
     #[arg(long, value_name = "SOURCE|FILE")]
     pub fix: Option<String>,
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.

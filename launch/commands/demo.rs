@@ -46,6 +46,8 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         map: config.run.out.join("map.echogrid"),
         world: config.simulator.world.into(),
         path: Some(drive),
+        truth: None,
+        topics: Vec::new(),
         align: None,
         points: false,
         json: view.json,

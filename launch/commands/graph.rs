@@ -58,7 +58,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         };
         ensure!(
             survey.true_pose_count > 0,
-            "{}: no true pose in it, which {wanted}; expected TRUEPOS lines",
+            "{}: no true pose in it, which {wanted}; expected TRUEPOS lines, or of a recording --fix tf or --fix topic:NAME",
             config.replay.log.display()
         );
     }
@@ -388,7 +388,7 @@ fn overlap(config: &Config, survey: &LogSurvey) -> Result<Option<String>> {
 }
 
 /// What is worth knowing of a log besides its counts.
-fn remarks(survey: &LogSurvey) -> Vec<String> {
+pub(super) fn remarks(survey: &LogSurvey) -> Vec<String> {
     let mut remarks = survey.clock.remarks();
     remarks.extend(survey.remarks.iter().cloned());
     remarks.extend(survey.faults.iter().map(ToString::to_string));

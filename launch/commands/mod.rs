@@ -11,12 +11,15 @@ mod evaluate;
 mod experiment;
 mod folder;
 mod graph;
+mod info;
 mod live;
+mod manual;
 mod observer;
 mod relations;
 mod score;
 mod service;
 mod spool;
+mod status;
 mod talk;
 mod topic;
 mod walls;
@@ -48,12 +51,13 @@ pub fn run(cli: Cli) -> ExitCode {
             request.sets.splice(0..0, seed.map(|seed| format!("simulator.seed={seed}")));
             demo::run(request, &view)
         }
-        Some(Command::Map { log, config, settings, view }) => {
+        Some(Command::Map { log, topics, config, settings, view }) => {
             let log = log.to_string_lossy().into_owned();
             // Whatever the sensor of that graph is, here it is the log.
             let sensor = config.is_some().then(|| "replay".to_owned());
-            graph::run(&LoadRequest { graph: config, sensor, log: Some(log), ..settings.request() }, &view)
+            graph::run(&LoadRequest { graph: config, sensor, log: Some(log), topics, ..settings.request() }, &view)
         }
+        Some(Command::Info { file, json }) => info::run(&file, json),
         Some(Command::Up { graph, sensor, settings, view }) => {
             graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
         }
@@ -72,10 +76,12 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Drive { v, w, seconds, domain }) => talk::drive(domain.as_deref(), v, w, seconds),
         Some(Command::Emulate(request)) => emulate::run(&request),
         Some(Command::Live { domain, listen, hosts }) => live::run(live::Request { domain, listen, hosts }),
-        Some(Command::Status { domain }) => talk::status(domain.as_deref()),
+        Some(Command::Status { domain, json, watch }) => status::run(domain.as_deref(), json, watch),
+        Some(Command::Completions { shell }) => manual::completions(shell),
+        Some(Command::Man { out }) => manual::pages(out.as_deref()),
         Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),
-        Some(Command::Score { map, world, path, align, points, json, picture }) => {
-            score::run(&score::Request { map, world, path, align, points, json, picture })
+        Some(Command::Score { map, world, path, truth, topics, align, points, json, picture }) => {
+            score::run(&score::Request { map, world, path, truth, topics, align, points, json, picture })
         }
         Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
         Some(Command::Closures { map, json }) => closures::run(&map, json),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Pose2;
 use echogrid_core::quality::{Quality, TrueCell, Truth};
-use echogrid_formats::log::{self, LogEvent};
+use echogrid_formats::log::{self, LogEvent, SurveyOptions};
 use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::{probe_file, world};
 use echogrid_slam::evaluate::PathError;
@@ -19,6 +19,9 @@ pub(super) struct Request {
     pub(super) map: PathBuf,
     pub(super) world: PathBuf,
     pub(super) path: Option<PathBuf>,
+    /// Who says it in a recording.
+    pub(super) truth: Option<String>,
+    pub(super) topics: Vec<String>,
     /// Nothing: as the map suggests.
     pub(super) align: Option<Align>,
     pub(super) points: bool,
@@ -93,7 +96,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
     let document = native::read(&request.map)?;
     let world = world::find(&request.world)?;
     let (world, points_left_out) = if request.points { (world, 0) } else { world.walls_only()? };
-    let truth = request.path.as_deref().map(true_path).transpose()?;
+    let truth = request.path.as_deref().map(|path| true_path(path, request)).transpose()?;
     let alignment = match &truth {
         Some(truth) => {
             Some(Alignment::of(&document, truth, request.align).with_context(|| request.map.display().to_string())?)
@@ -136,11 +139,12 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
 }
 
 /// Where the robot really was, and when.
-pub(super) fn true_path(log: &Path) -> Result<Vec<(u64, Pose2)>> {
-    let survey = log::survey(log)?;
+pub(super) fn true_path(log: &Path, request: &Request) -> Result<Vec<(u64, Pose2)>> {
+    let (truth, topics) = (request.truth.clone(), request.topics.clone());
+    let survey = log::survey_with(log, SurveyOptions { truth, topics, ..SurveyOptions::default() })?;
     ensure!(
         survey.true_pose_count > 0,
-        "{}: no true pose in it; expected a log with TRUEPOS lines (without --path, the map's own path is taken for true)",
+        "{}: no true pose in it; expected a log with TRUEPOS lines, or a recording and --truth tf or a topic (without --path, the map's own path is taken for true)",
         log.display()
     );
     let mut path = Vec::new();

@@ -140,7 +140,10 @@ impl fmt::Display for Status {
             let of = if health.total > 0 { format!(" of {}", health.total) } else { String::new() };
             let HealthStatus { state, pid, messages, faulty, lost, note, .. } = health;
             let note = if note.is_empty() { String::new() } else { format!("; {note}") };
-            writeln!(f, "{name:<10} {state:<9} process {pid}, {messages}{of} messages, {faulty} faulty, {lost} lost{note}")?;
+            writeln!(
+                f,
+                "{name:<10} {state:<9} process {pid}, {messages}{of} messages, {faulty} faulty, {lost} lost{note}"
+            )?;
         }
         let Some(map) = &self.map else { return Ok(()) };
         let state = match (map.holds, map.degraded) {

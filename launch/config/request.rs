@@ -41,6 +41,8 @@ pub struct LoadRequest {
     pub record: Option<String>,
     /// The log to play.
     pub log: Option<String>,
+    /// Each `--topic`: of a recording, what is used.
+    pub topics: Vec<String>,
     /// Each `--set key=value`; these have the last word.
     pub sets: Vec<String>,
     /// What relative paths of the command line are relative to; none: the working directory.
@@ -55,14 +57,25 @@ impl LoadRequest {
             Some(builtin) => format!("{BUILTIN_PREFIX}{}", builtin.name()),
             None => sensor.clone(),
         });
-        let fix_file = self.fix.as_ref().and_then(|fix| fix_file(fix));
-        let fix = self.fix.clone().filter(|_| fix_file.is_none());
+        let recorded = self.fix.as_deref().and_then(recorded_truth);
+        let fix_file = self.fix.as_deref().filter(|_| recorded.is_none()).and_then(fix_file);
+        let fix = self.fix.clone().filter(|_| fix_file.is_none() && recorded.is_none());
         let mut found = Findings::default();
         if let (Some(file), Some((source, key))) = (&self.fix, fix_file) {
             // The word says who, the file from what: both were typed as one.
             let origin = Source::argument(&format!("--fix {file}"), Some(base));
             found.add(argument::assign("localizer.source", source, &origin));
             found.add(argument::assign(key, file, &origin));
+        }
+        if let (Some(fix), Some(truth)) = (&self.fix, recorded) {
+            let origin = Source::argument(&format!("--fix {fix}"), Some(base));
+            found.add(argument::assign("localizer.source", "truth", &origin));
+            found.add(argument::assign("replay.truth", truth, &origin));
+        }
+        if !self.topics.is_empty() {
+            let quoted: Vec<String> = self.topics.iter().map(|topic| format!("{topic:?}")).collect();
+            let origin = Source::argument(&format!("--topic {}", self.topics.join(" --topic ")), Some(base));
+            found.add(argument::assign("replay.topics", &format!("[{}]", quoted.join(", ")), &origin));
         }
         for (flag, key, value) in [
             ("--robot", "run.robot", &self.robot),
@@ -99,6 +112,11 @@ impl LoadRequest {
         }
         found
     }
+}
+
+/// Who of a recording says where the robot was, where `--fix` names that: `tf`, or `topic:/NAME`.
+fn recorded_truth(text: &str) -> Option<&str> {
+    if text == "tf" { Some(text) } else { text.strip_prefix("topic:").filter(|topic| !topic.is_empty()) }
 }
 
 /// The source that a file of `--fix` is for, and its key; none when it is no file but a word.

@@ -85,6 +85,18 @@ static REPLAY: Section = Section {
             "one of auto, m, cm, mm",
             "the unit of its ranges: m (metres), cm or mm; auto: told by how they change as the robot moves",
         ),
+        key(
+            "topics",
+            "an array of topics, as in [\"/scan\", \"/odom\"]",
+            "of a recording: topics that are used in place of others of their type; empty: those that are the only ones",
+        ),
+        text(
+            "truth",
+            Text::Plain,
+            "a topic, or tf",
+            "who says in a recording where the robot really was: tf (map to odom), or a topic of poses; empty: nobody. The localizer \
+             alone is told, and score",
+        ),
     ],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,
@@ -538,6 +550,12 @@ static PUBLISHER: Section = Section {
             "a cell of map.pgm is free below this probability; between the two it is unknown",
         ),
         key("draw_path", "true or false", "whether the picture shows where the robot went"),
+        key("draw_legend", "true or false", "whether heading, scale bar, axes and a legend go with the picture"),
+        key(
+            "save_every_s",
+            "0, or seconds from 1 to 86400",
+            "the map is saved each time that so much of the sensor's time has passed; 0: at the end, and when told to",
+        ),
         key(
             "path_points_max",
             "a whole number from 16 to 10000000",

@@ -13,6 +13,10 @@ pub struct ReplayConfig {
     pub log: PathBuf,
     /// The unit of its ranges.
     pub range_unit: LogUnit,
+    /// Topics of a recording that are used in place of others of their type.
+    pub topics: Vec<String>,
+    /// Who says in a recording where the robot really was: a topic, or `tf`; empty: nobody.
+    pub truth: String,
 }
 
 /// The unit of a log's ranges.
@@ -40,6 +44,7 @@ impl ReplayConfig {
             LogUnit::Cm => Some(RangeUnit::Centimetres),
             LogUnit::Mm => Some(RangeUnit::Millimetres),
         };
-        SurveyOptions { range_unit }
+        let truth = Some(self.truth.clone()).filter(|truth| !truth.is_empty());
+        SurveyOptions { range_unit, topics: self.topics.clone(), truth }
     }
 }

@@ -11,19 +11,19 @@
 //! A map_server pair does not become a native map: that holds evidence, path and provenance,
 //! which would have to be made up.
 
-use std::io::{self, Read as _};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
 use crate::WriteError;
+use crate::kind::{self, Kind};
 use crate::log::carmen::CarmenWriter;
 use crate::log::{self, KNOWN_FORMATS, LogError};
 use crate::map::map_server::{self, MapMode, Thresholds};
 use crate::map::{MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
-use crate::text::BYTE_ORDER_MARK;
 use crate::whole_file::{WholeFile, write_together, write_whole};
 
 /// What a conversion did.
@@ -147,41 +147,17 @@ pub fn convert_with(input: &Path, output: &Path, options: log::SurveyOptions) ->
 }
 
 fn kind_of(input: &Path) -> Result<Input, ConvertError> {
-    let mut head = Vec::new();
-    if !input.is_dir() {
-        let file = log_file(input)?;
-        file.take(4096).read_to_end(&mut head).map_err(|source| MapError::read(input, source))?;
-    }
-    if head.starts_with(&native::MAGIC) {
-        return Ok(Input::NativeMap);
-    }
-    let unknown = |why: &str| ConvertError::UnknownInput { path: input.to_path_buf(), why: why.into() };
-    let is_image = [b"\x89PNG".as_slice(), b"P2", b"P3", b"P5", b"P6"].iter().any(|magic| head.starts_with(magic));
-    if is_image {
-        return Err(unknown("an image says nothing of metres; name the YAML that goes with it"));
-    }
-    let is_yaml = head.split(|byte| *byte == b'\n').any(begins_with_image_key);
-    if is_yaml {
-        return Ok(Input::MapServer);
-    }
-    match log::detect_format(input) {
-        Ok(_) => Ok(Input::Log),
-        Err(LogError::UnknownFormat { begins, .. }) => Err(unknown(&format!("it begins with \"{begins}\""))),
+    let unknown = |why: String| ConvertError::UnknownInput { path: input.to_path_buf(), why };
+    match kind::kind_of(input) {
+        Ok(Kind::NativeMap) => Ok(Input::NativeMap),
+        Ok(Kind::MapServer) => Ok(Input::MapServer),
+        Ok(Kind::Log(_)) => Ok(Input::Log),
+        Ok(Kind::Foreign(kind)) => Err(unknown(format!("it is a {}; {}", kind.name, kind.advice))),
+        Ok(Kind::KeptReadings) => Err(unknown("it holds the readings that a map is made of".into())),
+        Ok(Kind::MobileSimWorld | Kind::Toml) => Err(unknown("it is a world or settings".into())),
+        Err(LogError::UnknownFormat { begins, .. }) => Err(unknown(format!("it begins with \"{begins}\""))),
         Err(error) => Err(error.into()),
     }
-}
-
-/// Whether a line of a file names the image of a map: `image:`, quoted or not, or so in a flow mapping.
-fn begins_with_image_key(line: &[u8]) -> bool {
-    let line = line.strip_prefix(BYTE_ORDER_MARK).unwrap_or(line);
-    let is_quote = |byte: &u8| b"\"' ".contains(byte);
-    let begin = line.iter().position(|byte| !is_quote(byte) && *byte != b'{').unwrap_or(line.len());
-    let key = line.get(begin..).unwrap_or_default();
-    key.strip_prefix(b"image").is_some_and(|rest| rest.iter().find(|byte| !is_quote(byte)) == Some(&b':'))
-}
-
-fn log_file(path: &Path) -> Result<std::fs::File, ConvertError> {
-    Ok(crate::open_regular(path).map_err(|source| MapError::read(path, source))?)
 }
 
 fn extension(path: &Path) -> String {
@@ -412,7 +388,9 @@ mod tests {
         std::fs::write(&image, b"P5\n1 1\n255\n\0").unwrap();
         check(&image, "a.npy", "name the YAML");
         let other = folder.path().join("x");
-        std::fs::write(&other, b"%PDF").unwrap();
+        std::fs::write(&other, b"\x01\x02").unwrap();
         check(&other, "a.npy", "it begins with");
+        std::fs::write(&other, b"%PDF-1.7").unwrap();
+        check(&other, "a.npy", "it is a PDF document");
     }
 }

@@ -13,7 +13,7 @@
 //!
 //! [`canvas`] draws pictures with words in them.
 //!
-//! [`convert`] goes from one format to another.
+//! [`convert`] goes from one format to another; [`kind`] tells what a file is.
 //!
 //! This crate knows the mathematics (`echogrid-core`) and never a message topic. Whatever bytes a
 //! file holds, reading it ends with values or with an error that names the file; memory stays
@@ -23,6 +23,8 @@ mod bounded;
 pub mod canvas;
 pub mod chart;
 pub mod convert;
+mod foreign;
+pub mod kind;
 pub mod localization;
 pub mod log;
 pub mod map;
@@ -34,5 +36,6 @@ mod whole_file;
 pub mod world;
 
 pub use bounded::{open_regular, read_at_most};
+pub use foreign::Foreign;
 pub use text::{TextError, TextFileError};
 pub use whole_file::{WriteError, probe_file, write_whole};

@@ -184,7 +184,8 @@ fn no_map_is_an_error_that_says_why() {
     };
     assert!(matches!(survey("empty", b""), LogError::Empty { .. }));
     assert!(matches!(survey("empty.gz", &gzip(b"")), LogError::Empty { .. }));
-    assert!(matches!(survey("x", b"%PDF-1.7"), LogError::UnknownFormat { .. }));
+    assert!(matches!(survey("x", b"\x01\x02\x03"), LogError::UnknownFormat { .. }));
+    assert!(matches!(survey("x", b"%PDF-1.7"), LogError::Foreign { .. }));
     assert!(matches!(survey("measurement.txt", b"1 2 3 4 5 6 7 8 9\n"), LogError::MissingPair { .. }));
     assert!(matches!(log::survey(folder.path()), Err(LogError::MissingPair { .. })));
     std::fs::remove_file(folder.path().join("measurement.txt")).unwrap();

@@ -333,7 +333,7 @@ fn ranges_in_an_unknown_unit_are_refused_unless_it_is_said() {
     let text: String = text.lines().filter(|line| !line.starts_with("ODOM")).map(|line| format!("{line}\n")).collect();
     let error = survey(&text).unwrap_err().to_string();
     assert!(error.contains("a.log:1: ranges of FLASER") && error.contains("replay.range_unit=mm"), "{error}");
-    let options = SurveyOptions { range_unit: Some(RangeUnit::Millimetres) };
+    let options = SurveyOptions { range_unit: Some(RangeUnit::Millimetres), ..SurveyOptions::default() };
     let told = carmen::survey_with(text.as_bytes(), Path::new("a.log"), options).unwrap();
     assert!(echoes_on_the_walls(&told, &events(&text, &told), [0.0; 2]) > 10_000);
     // Odometry in the same unit: it is not for ranges alone to be another.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::carried::Tally;
+use super::fault::Place;
 
 /// Steps of a clock that are told one by one.
 const STEPS_KEPT: usize = 8;
@@ -48,6 +49,8 @@ pub struct ClockReport {
     pub longest_spread_s: f64,
     /// Time that the stamps do not show, made up because the clock stood still, seconds.
     pub stood_still_s: f64,
+    /// What is counted where a line is named.
+    pub place: Place,
 }
 
 /// How a clock goes on from another stamp.
@@ -71,9 +74,17 @@ pub struct ClockStep {
     pub kind: StepKind,
     /// By how much, seconds, never negative.
     pub by_s: f64,
+    /// What is counted.
+    pub place: Place,
 }
 
 impl ClockReport {
+    /// Says what is counted.
+    pub(crate) fn count_in(&mut self, place: Place) {
+        self.place = place;
+        self.steps.iter_mut().for_each(|step| step.place = place);
+    }
+
     pub(crate) fn step(&mut self, step: ClockStep) {
         self.step_count += 1;
         self.set_count += u64::from(step.kind != StepKind::Pause);
@@ -101,7 +112,7 @@ impl ClockReport {
     /// Whether the stamps are in order as they stand.
     #[must_use]
     pub fn is_clean(&self) -> bool {
-        *self == Self { lines: self.lines, ..Self::default() }
+        *self == Self { lines: self.lines, place: self.place, ..Self::default() }
     }
 
     /// Why the stamps of events are not the log's own time, which other files may share; none if they are.
@@ -128,6 +139,7 @@ impl ClockReport {
             return vec![format!("its stamps are of no use{why}: only the order counts, 0.1 s from pose to pose")];
         }
         let mut remarks = Vec::new();
+        let place = self.place;
         let mut say = |count: u64, remark: &dyn Fn() -> String| {
             if count > 0 {
                 remarks.push(remark());
@@ -135,7 +147,7 @@ impl ClockReport {
         };
         for step in &self.steps {
             say(1, &|| match step.kind {
-                StepKind::Pause => format!("nothing comes for {} before line {}", span(step.by_s), step.line),
+                StepKind::Pause => format!("nothing comes for {} before {place} {}", span(step.by_s), step.line),
                 _ => format!("{step}: the file's order is kept, later stamps are moved"),
             });
         }
@@ -152,7 +164,7 @@ impl ClockReport {
         });
         say(self.displaced, &|| {
             format!(
-                "{} scans have stamps of another clock than the odometry's, {:.2} s {} on average, first in line {}: they are where the \
+                "{} scans have stamps of another clock than the odometry's, {:.2} s {} on average, first in {place} {}: they are where the \
                  poses that they carry say",
                 self.displaced,
                 self.displaced_by_s.abs(),
@@ -162,12 +174,12 @@ impl ClockReport {
         });
         say(self.strays, &|| {
             let line = self.first_stray.unwrap_or(0);
-            format!("{} stamps are far from those around them, first in line {line}, and do not count", self.strays)
+            format!("{} stamps are far from those around them, first in {place} {line}, and do not count", self.strays)
         });
         say(self.reordered, &|| format!("{} stamps ran backwards and were put in order", self.reordered));
         say(self.spread, &|| {
             format!(
-                "{} messages have the stamp of one of their kind before them, first in line {}, and were spread, over up to {}",
+                "{} messages have the stamp of one of their kind before them, first in {place} {}, and were spread, over up to {}",
                 self.spread,
                 self.first_spread.unwrap_or(0),
                 span(self.longest_spread_s)
@@ -187,7 +199,7 @@ impl core::fmt::Display for ClockStep {
             StepKind::SetAhead => "its clock was set ahead by",
             StepKind::Pause => "nothing comes for",
         };
-        write!(f, "{what} {} at line {}", span(self.by_s), self.line)
+        write!(f, "{what} {} at {} {}", span(self.by_s), self.place, self.line)
     }
 }
 

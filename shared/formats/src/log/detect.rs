@@ -6,18 +6,24 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::LogError;
 use super::dialect::Dialect;
+use super::recording::folder::{Files, files_of};
 use super::source::Source;
+use super::{LogError, recording};
+use crate::kind::in_place_of_a_log;
 use crate::open_regular;
 use crate::text::BYTE_ORDER_MARK;
 
 /// The formats that can be read, for people.
-pub const KNOWN_FORMATS: &str = "a CARMEN log (.log, .clf), a Wean Hall log, GMapping's .gfs, a CSV whose header names \
-                                 t, x, y, theta and ranges (each plain, .gz, .bz2 or .zst), a Udacity sonar pair (measurement.txt beside poses.txt)";
+pub const KNOWN_FORMATS: &str = "a ROS 1 bag (.bag), an MCAP recording, a folder or .db3 of rosbag2, a CARMEN log (.log, .clf), a Wean Hall log, GMapping's .gfs, a CSV \
+                                 whose header names t, x, y, theta and ranges (each plain, .gz, .bz2 or .zst), a Udacity sonar pair \
+                                 (measurement.txt beside poses.txt)";
 
 /// How much of a file is looked at to tell its format, bytes after decompression: more than any comment before the data.
 const HEAD_BYTES: u64 = 4 * 1024 * 1024;
+
+/// So many bytes tell a recording.
+const MAGIC_BYTES: u64 = 32;
 
 /// The format of a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -25,6 +31,12 @@ const HEAD_BYTES: u64 = 4 * 1024 * 1024;
 pub enum LogFormat {
     /// CARMEN's text log: one message per line (`ODOM`, `FLASER`, `SONAR`, …); may be gzipped.
     CarmenLog,
+    /// A ROS 1 bag.
+    RosBag,
+    /// MCAP, as ROS 2 and others record.
+    Mcap,
+    /// A recording of ROS 2 in an SQLite file (`.db3`).
+    Rosbag2,
     /// CMU's Wean Hall log: `O` and `L` lines, centimetres.
     WeanLog,
     /// What GMapping writes (`.gfs`).
@@ -39,6 +51,9 @@ impl core::fmt::Display for LogFormat {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::CarmenLog => "CARMEN log",
+            Self::RosBag => "ROS bag",
+            Self::Mcap => "MCAP recording",
+            Self::Rosbag2 => "ROS 2 recording (.db3)",
             Self::WeanLog => "Wean Hall log",
             Self::GmappingLog => "GMapping log",
             Self::CsvTable => "CSV table",
@@ -50,6 +65,7 @@ impl core::fmt::Display for LogFormat {
 /// The files that make up a log.
 pub(crate) enum Found {
     Text { path: PathBuf, dialect: Dialect },
+    Recording { files: Files, format: LogFormat },
     Udacity { measurement: PathBuf, poses: PathBuf },
 }
 
@@ -74,14 +90,23 @@ pub(crate) fn open_file(path: &Path) -> Result<File, LogError> {
 pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
     let metadata = std::fs::metadata(path).map_err(|source| LogError::open(path, source))?;
     if metadata.is_dir() {
-        return udacity_folder(path);
+        return match files_of(path) {
+            Some(files) => recording_folder(path, files),
+            None => udacity_folder(path),
+        };
     }
     let file = open_file(path)?;
     if metadata.len() == 0 {
         return Err(LogError::Empty { path: path.to_path_buf() });
     }
     let mut head = Vec::new();
-    let source = Source::new(file).map_err(|source| LogError::open(path, source))?;
+    let mut source = Source::new(file).map_err(|source| LogError::open(path, source))?;
+    // A recording is told by its first bytes; of a text it takes more.
+    let _ = source.by_ref().take(MAGIC_BYTES).read_to_end(&mut head);
+    if let Some(format) = recording::format_of(&head) {
+        let files = Files { paths: vec![path.to_path_buf()], packs_messages: false };
+        return Ok(Found::Recording { files, format });
+    }
     // A damaged stream still shows what came before the damage.
     let outcome = source.take(HEAD_BYTES).read_to_end(&mut head);
     if let (Err(source), true) = (outcome, head.is_empty()) {
@@ -94,7 +119,20 @@ pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
         Looks::Text(dialect) => Ok(Found::Text { path: path.to_path_buf(), dialect }),
         Looks::Measurement => Ok(Found::Udacity { measurement: path.to_path_buf(), poses: beside(path, "poses.txt")? }),
         Looks::Poses => Ok(Found::Udacity { measurement: beside(path, "measurement.txt")?, poses: path.to_path_buf() }),
-        Looks::Unknown => Err(LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) }),
+        Looks::Unknown => Err(match in_place_of_a_log(&head) {
+            Some(kind) => LogError::Foreign { path: path.to_path_buf(), kind },
+            None => LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) },
+        }),
+    }
+}
+
+/// A folder of rosbag2; the first of its files that is there tells the format of all.
+fn recording_folder(folder: &Path, files: Files) -> Result<Found, LogError> {
+    let first = files.paths.iter().find(|path| path.exists()).or(files.paths.first());
+    let Some(first) = first else { return Err(LogError::Folder { path: folder.to_path_buf() }) };
+    match detect(first)? {
+        Found::Recording { format, .. } => Ok(Found::Recording { files, format }),
+        _ => Err(LogError::Folder { path: folder.to_path_buf() }),
     }
 }
 

@@ -41,7 +41,7 @@ pub enum LogError {
     },
     /// A folder that holds no pair of files.
     #[error(
-        "{}: a folder; expected a log file, or a folder that holds measurement.txt and poses.txt",
+        "{}: a folder; expected a log file, a folder of rosbag2 (metadata.yaml, .mcap or .db3 files), or one that holds measurement.txt and poses.txt",
         path.display()
     )]
     Folder {
@@ -63,6 +63,24 @@ pub enum LogError {
         path: PathBuf,
         /// Its first bytes, escaped.
         begins: String,
+    },
+    /// A file of a kind that is known, and is no log.
+    #[error("{}: is a {}, which can't be read as a log: {}", path.display(), kind.name, kind.advice)]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        kind: crate::Foreign,
+    },
+    /// What of a recording is to be used can't be told.
+    #[error("{}: {why}; it holds{list}", path.display())]
+    Topics {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        why: String,
+        /// Its topics, a line each.
+        list: String,
     },
     /// There is no odometry in the log.
     #[error("{}: no odometry in it; expected {expected}{}", path.display(), refused(first_fault.as_deref()))]

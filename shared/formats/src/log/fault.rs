@@ -60,6 +60,36 @@ pub enum FaultKind {
     LineTooLong,
     /// The compressed stream is cut or damaged; everything before the damage is used.
     GzipDamaged,
+    /// A recording ends before its end; everything up to there is used.
+    RecordingCut,
+    /// A recording was never closed: nobody knows what its recorder had not written yet.
+    RecordingUnclosed,
+    /// What should be a record of a recording is none; everything before it is used.
+    RecordingDamaged,
+    /// A chunk of messages can't be unpacked, or not whole; what can is used.
+    ChunkDamaged,
+    /// A message is not what its type says, and not used.
+    MessageDamaged,
+}
+
+/// What is counted, where something is said to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Place {
+    /// Lines of a text.
+    #[default]
+    Line,
+    /// Messages of a recording.
+    Message,
+}
+
+impl core::fmt::Display for Place {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Line => "line",
+            Self::Message => "message",
+        })
+    }
 }
 
 impl core::fmt::Display for FaultKind {
@@ -89,6 +119,11 @@ impl core::fmt::Display for FaultKind {
             Self::NotUtf8 => "not text",
             Self::LineTooLong => "line too long",
             Self::GzipDamaged => "compressed stream cut or damaged",
+            Self::RecordingCut => "recording cut, used up to there",
+            Self::RecordingUnclosed => "recording never closed, what its recorder had not written is missing",
+            Self::RecordingDamaged => "no record of a recording, nothing behind it is used",
+            Self::ChunkDamaged => "chunk of messages damaged",
+            Self::MessageDamaged => "message that is not what its type says",
         })
     }
 }
@@ -100,15 +135,21 @@ pub struct Fault {
     pub kind: FaultKind,
     /// How often: refused lines, or for ranges the readings.
     pub count: u64,
-    /// The first line that has it, counted from 1.
+    /// The first line that has it, or of a recording the message, counted from 1.
     pub first_line: u64,
+    /// Which of the two.
+    pub place: Place,
     /// The value found there, shortened.
     pub sample: String,
 }
 
 impl core::fmt::Display for Fault {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(f, "{} ({} times, first in line {}: \"{}\")", self.kind, self.count, self.first_line, self.sample)
+        let Self { kind, count, first_line, place, sample } = self;
+        match (place, first_line) {
+            (Place::Message, 0) => write!(f, "{kind} ({count} times: \"{sample}\")"),
+            _ => write!(f, "{kind} ({count} times, first in {place} {first_line}: \"{sample}\")"),
+        }
     }
 }
 
@@ -127,21 +168,29 @@ impl Refusal {
 
 /// Counts damage by kind.
 #[derive(Debug, Default)]
-pub(crate) struct FaultCounter(BTreeMap<FaultKind, Fault>);
+pub(crate) struct FaultCounter {
+    faults: BTreeMap<FaultKind, Fault>,
+    place: Place,
+}
 
 impl FaultCounter {
+    pub(crate) fn new(place: Place) -> Self {
+        Self { faults: BTreeMap::new(), place }
+    }
+
     pub(crate) fn count(&mut self, line: u64, refusal: Refusal) {
         self.count_many(line, refusal, 1);
     }
 
     pub(crate) fn count_many(&mut self, line: u64, refusal: Refusal, times: u64) {
         let Refusal { kind, sample } = refusal;
-        self.0.entry(kind).or_insert(Fault { kind, count: 0, first_line: line, sample }).count += times;
+        let place = self.place;
+        self.faults.entry(kind).or_insert(Fault { kind, count: 0, first_line: line, place, sample }).count += times;
     }
 
     /// All of it, by kind.
     pub(crate) fn into_faults(self) -> Vec<Fault> {
-        self.0.into_values().collect()
+        self.faults.into_values().collect()
     }
 }
 

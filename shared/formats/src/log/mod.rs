@@ -7,6 +7,7 @@
 //!
 //! | format | recognised by | module |
 //! |---|---|---|
+//! | ROS 1 bag, MCAP, rosbag2 (folder or `.db3`) | their first bytes | `recording` |
 //! | CARMEN log | a message line such as `ODOM …` or `FLASER …` | [`carmen`] |
 //! | Wean Hall log | lines `O …` and `L …` of numbers | `dialect/wean.rs` |
 //! | GMapping's `.gfs` | `LASER_READING …` | `dialect/gfs.rs` |
@@ -29,6 +30,7 @@ mod event;
 mod fault;
 mod lines;
 mod order;
+mod recording;
 mod source;
 mod spread;
 mod stamp;
@@ -40,14 +42,17 @@ pub mod udacity;
 mod zstandard;
 
 use std::path::Path;
+use std::sync::Arc;
 
 pub use carmen::RangeUnit;
 pub use clock_report::{ClockReport, ClockStep, StepKind};
+pub(crate) use detect::open_file;
 use detect::{Found, detect};
 pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
-pub use fault::{Fault, FaultKind};
+pub use fault::{Fault, FaultKind, Place};
+pub use recording::{RecordingContents, TopicContents};
 pub(crate) use stamp::parse_stamp_ns;
 pub use survey::{LogSurvey, SurveyOptions};
 
@@ -67,6 +72,12 @@ pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
 pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
     match detect(path)? {
         Found::Text { path, dialect } => carmen::survey_of(detect::open_file(&path)?, &path, dialect, options),
+        Found::Recording { files, format } => {
+            let container = || recording::open(&files, format, u64::MAX);
+            let inventory = recording::inventory(path, container()?)?;
+            let plan = Arc::new(recording::choose(path, &inventory, &options)?);
+            carmen::survey_recording(container()?, path, format, plan, options)
+        }
         Found::Udacity { measurement, poses } => {
             udacity::survey(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses)
         }
@@ -80,6 +91,7 @@ pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, Log
 pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
     Ok(match detect(path)? {
         Found::Text { dialect, .. } => dialect.format(),
+        Found::Recording { format, .. } => format,
         Found::Udacity { .. } => LogFormat::UdacitySonar,
     })
 }
@@ -93,12 +105,26 @@ pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
 /// When the file can't be read any more or is no longer of the format that the survey found.
 pub fn open(path: &Path, survey: &LogSurvey) -> Result<LogReader, LogError> {
     match (detect(path)?, survey.format) {
-        (Found::Text { path, dialect }, _) if dialect == survey.plan.dialect && dialect.format() == survey.format => {
+        (Found::Text { path, dialect }, _) if survey.plan.is_text_of(&dialect) && dialect.format() == survey.format => {
             carmen::read(detect::open_file(&path)?, &path, survey)
+        }
+        (Found::Recording { files, format }, surveyed) if format == surveyed => {
+            let bytes = survey.byte_counts.first().copied().unwrap_or(0);
+            carmen::read_recording(recording::open(&files, format, bytes)?, path, survey)
         }
         (Found::Udacity { measurement, poses }, LogFormat::UdacitySonar) => {
             udacity::read(detect::open_file(&measurement)?, &measurement, detect::open_file(&poses)?, &poses, survey)
         }
         _ => Err(LogError::Changed { path: path.to_path_buf(), surveyed: survey.format }),
     }
+}
+
+/// What is in the recording at `path`; none if it is no recording.
+///
+/// # Errors
+/// When the file can't be read or is of no known format.
+pub fn contents(path: &Path) -> Result<Option<RecordingContents>, LogError> {
+    let Found::Recording { files, format } = detect(path)? else { return Ok(None) };
+    let inventory = recording::inventory(path, recording::open(&files, format, u64::MAX)?)?;
+    Ok(Some(RecordingContents::of(&inventory)))
 }

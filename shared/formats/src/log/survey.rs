@@ -10,10 +10,14 @@ use super::carmen::{CarmenPlan, RangeUnit};
 use super::{ClockReport, Fault, LogFormat};
 
 /// What a user says of a log where the log does not.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SurveyOptions {
     /// In which unit its ranges are; none: told by the ranges themselves.
     pub range_unit: Option<RangeUnit>,
+    /// Topics of a recording that are used in place of others of their type.
+    pub topics: Vec<String>,
+    /// Who says in a recording where the robot really was: a topic, or `tf` (`map` to `odom`); none: nobody.
+    pub truth: Option<String>,
 }
 
 /// What is in a log, learnt by reading it once.

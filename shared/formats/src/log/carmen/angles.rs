@@ -91,7 +91,7 @@ pub(in crate::log) fn plain_fan(count: usize) -> (f64, f64) {
 ///
 /// # Errors
 /// It is no angle at all.
-pub(super) fn cone(stated: f64) -> Result<(f64, Vec<Refusal>), Refusal> {
+pub(in crate::log) fn cone(stated: f64) -> Result<(f64, Vec<Refusal>), Refusal> {
     let mut oddities = Vec::new();
     let mut odd = |kind| oddities.push(Refusal::new(kind, stated.to_string()));
     let size = stated.abs();

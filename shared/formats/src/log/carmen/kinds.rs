@@ -7,7 +7,8 @@ use echogrid_core::{Footprint, Pose2, Robot, Sensor, SensorKind};
 
 use super::ceiling::RangeTally;
 use super::fans::{self, FanNumbers, Fans};
-use super::message::{Carried, ScanKind, ScanLine, Shape};
+use super::message::{Carried, Described, ScanKind, ScanLine, Shape};
+use super::origin::Origin;
 use super::rings::Rings;
 use super::units::{RangeUnit, Seen, UnitTally};
 use crate::log::dialect::Dialect;
@@ -41,6 +42,8 @@ pub(crate) struct KindRecord {
     first_line: u64,
     /// The maximum that the first line states.
     stated_max: Option<f64>,
+    /// What the first line says, where it says all of its sensor.
+    described: Option<Described>,
     tally: RangeTally,
     units: UnitTally,
     mount: Mount,
@@ -64,7 +67,8 @@ impl KindRecord {
             layout,
             lines: 0,
             first_line: line,
-            stated_max,
+            stated_max: stated_max.or(scan.described.map(|sensor| sensor.range_max_m)),
+            described: scan.described,
             tally: RangeTally::default(),
             units: UnitTally::default(),
             mount: Mount::Unsaid,
@@ -76,7 +80,7 @@ impl KindRecord {
         match (&mut self.layout, &scan.shape) {
             (Layout::Fans(fans), Shape::Fan { first_bearing_rad, bearing_step_rad, .. }) => {
                 fans.add(*first_bearing_rad, *bearing_step_rad, scan.ranges.len());
-                if let Some(odom_from_base) = odom_from_base {
+                if let (Some(odom_from_base), None) = (odom_from_base, scan.described) {
                     let seen = || Seen {
                         odom_from_base,
                         first_bearing_rad: *first_bearing_rad,
@@ -96,7 +100,9 @@ impl KindRecord {
         self.lines += 1;
         for range in scan.ranges.iter().filter(|range| super::is_sane(**range) && **range > 0.0) {
             self.tally.add(*range);
-            self.units.add(*range);
+            if self.described.is_none() {
+                self.units.add(*range);
+            }
         }
         if let Some(Carried { odom_from_base, odom_from_sensor: Some(odom_from_sensor), .. }) = scan.carried {
             let base_from_sensor = odom_from_base.inverse() * odom_from_sensor;
@@ -145,6 +151,8 @@ pub(crate) struct UsedKind {
     pub(crate) ceiling_m: f64,
     /// When each reading was taken, nanoseconds after the stamp; shorter than the readings: with it.
     pub(crate) offsets_ns: Vec<i32>,
+    /// Infinity is no echo.
+    pub(crate) is_described: bool,
 }
 
 /// Which transducers the readings of a line are.
@@ -174,10 +182,17 @@ impl UsedKind {
 /// How the lines of a log become events.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct CarmenPlan {
-    pub(crate) dialect: Dialect,
+    pub(crate) origin: Origin,
     pub(crate) used: BTreeMap<ScanKind, UsedKind>,
     /// The scan messages whose pose is the odometry; none if there are `ODOM` lines.
     pub(crate) odometry_from: Option<ScanKind>,
+}
+
+impl CarmenPlan {
+    /// Whether it is for lines of that dialect.
+    pub(crate) fn is_text_of(&self, dialect: &Dialect) -> bool {
+        matches!(&self.origin, Origin::Text(planned) if planned == dialect)
+    }
 }
 
 /// The robot, how its readings are numbered, and what is odd about its sensors.
@@ -205,13 +220,14 @@ fn near(a: Pose2, b: Pose2, tolerance: f64) -> bool {
 /// and `RAWLASER1` are the front laser, `RLASER`, `ROBOTLASER2` and `RAWLASER2` the rear one): of
 /// each group the name with most lines is used, the others repeat it.
 pub(crate) fn kinds_in_use(records: &BTreeMap<ScanKind, KindRecord>) -> Vec<ScanKind> {
-    let mut best: BTreeMap<(bool, u8), (u64, ScanKind)> = BTreeMap::new();
+    let mut best: BTreeMap<(u8, u16), (u64, ScanKind)> = BTreeMap::new();
     for (kind, record) in records {
         let group = match kind {
-            ScanKind::Sonar => (true, 0),
-            ScanKind::Front => (false, 1),
-            ScanKind::Rear => (false, 2),
-            ScanKind::Robot(number) | ScanKind::Raw(number) => (false, *number),
+            ScanKind::Front => (0, 1),
+            ScanKind::Rear => (0, 2),
+            ScanKind::Robot(number) | ScanKind::Raw(number) => (0, u16::from(*number)),
+            ScanKind::Sonar => (1, 0),
+            ScanKind::Stream(number) => (2, *number),
         };
         let entry = best.entry(group).or_insert((0, *kind));
         // At equal numbers the first in the order of `ScanKind` stays.
@@ -220,7 +236,11 @@ pub(crate) fn kinds_in_use(records: &BTreeMap<ScanKind, KindRecord>) -> Vec<Scan
         }
     }
     let mut kinds: Vec<_> = best.into_values().map(|(_, kind)| kind).collect();
-    kinds.sort_by_key(|kind| records.get(kind).map(|record| record.first_line));
+    kinds.sort_by_key(|kind| match kind {
+        // Who writes a recording again may change the order of its messages.
+        ScanKind::Stream(number) => Some(u64::from(*number)),
+        _ => records.get(kind).map(|record| record.first_line),
+    });
     kinds
 }
 
@@ -230,11 +250,12 @@ pub(crate) fn robot_and_plan(
     kinds: &[ScanKind],
     params: &BTreeMap<String, String>,
     unit: Option<RangeUnit>,
+    origin: &Origin,
 ) -> Result<Sensors, Unusable> {
     let number = |name: &str| -> Option<f64> { params.get(name)?.split_ascii_whitespace().next()?.parse().ok() };
     let length = |name: &str| number(name).filter(|metres| (0.0..100.0).contains(metres)).unwrap_or(0.0);
     let robot = Robot {
-        name: "robot of a CARMEN log".into(),
+        name: origin.robot_name().into(),
         footprint: Footprint { length_m: length("robot_length"), width_m: length("robot_width") },
         sensors: Vec::new(),
     };
@@ -243,14 +264,17 @@ pub(crate) fn robot_and_plan(
     let mut next = 0_usize;
     for kind in kinds {
         let Some(record) = records.get(kind) else { continue };
-        let limits = limits(*kind, record, unit, &number, &mut sensors.remarks)?;
+        let name = origin.name_of(*kind);
+        let limits = limits(*kind, &name, record, unit, &number, &mut sensors.remarks)?;
         let (numbers, mut of_kind) = numbered(*kind, record, circles.get(kind).copied(), &mut next, &number)
             .ok_or(Unusable::Transducers(next as u64))?;
-        let (min_m, error_ratio) = match kind {
-            ScanKind::Sonar => (SONAR_MIN_M, SONAR_ERROR_RATIO),
-            _ => (LIDAR_MIN_M, LIDAR_ERROR_RATIO),
+        let (min_m, error_ratio) = match &record.layout {
+            Layout::Rings(_) => (SONAR_MIN_M, SONAR_ERROR_RATIO),
+            Layout::Fans(_) => (LIDAR_MIN_M, LIDAR_ERROR_RATIO),
         };
-        let range_min_m = min_m.min(limits.range_max_m / 2.0);
+        let stated_m =
+            record.described.map(|sensor| sensor.range_min_m).filter(|min_m| min_m.is_finite() && *min_m > 0.0);
+        let range_min_m = stated_m.unwrap_or(min_m).min(limits.range_max_m / 2.0);
         for sensor in &mut of_kind {
             (sensor.range_min_m, sensor.range_max_m) = (range_min_m, limits.range_max_m);
             sensor.range_error_ratio = error_ratio;
@@ -259,14 +283,15 @@ pub(crate) fn robot_and_plan(
             Layout::Fans(fans) => fans.remarks(circles.get(kind).copied()),
             Layout::Rings(rings) => Vec::from_iter(rings.remark()),
         };
-        sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{}: {remark}", kind.name())));
+        sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{name}: {remark}")));
         sensors.remarks.extend(turned(*kind, of_kind.first()));
         sensors.robot.sensors.append(&mut of_kind);
         let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
         let offsets_ns = offsets.and_then(|all| all.split(',').map(|one| one.trim().parse().ok()).collect());
         let offsets_ns = offsets_ns.unwrap_or_default();
         let Limits { unit_m, ceiling_m, .. } = limits;
-        sensors.used.insert(*kind, UsedKind { numbers, unit_m, range_min_m, ceiling_m, offsets_ns });
+        let is_described = record.described.is_some();
+        sensors.used.insert(*kind, UsedKind { numbers, unit_m, range_min_m, ceiling_m, offsets_ns, is_described });
     }
     Ok(sensors)
 }
@@ -298,7 +323,8 @@ fn circles(
         if let (true, Some(bearings)) = (fits, bearings.or((circles == 0).then_some(0))) {
             return Ok(rounded.into_keys().map(|kind| (kind, bearings)).collect());
         }
-        let is_lidar = |kind: &ScanKind| *kind != ScanKind::Sonar;
+        let is_lidar =
+            |kind: &ScanKind| records.get(kind).is_some_and(|record| matches!(record.layout, Layout::Fans(_)));
         let most = own.iter().filter(|(kind, needs)| is_lidar(kind) && needs.0 > 1).max_by_key(|(_, needs)| **needs);
         let Some(kind) = most.map(|(kind, _)| *kind) else {
             return Err(match fits || sensors + circles <= SENSORS_MAX {
@@ -322,6 +348,7 @@ struct Limits {
 
 fn limits(
     kind: ScanKind,
+    name: &str,
     record: &KindRecord,
     forced: Option<RangeUnit>,
     number: &dyn Fn(&str) -> Option<f64>,
@@ -339,7 +366,10 @@ fn limits(
     if let (ScanKind::Sonar, Some(max)) = (kind, stated) {
         return Ok(Limits { unit_m: 1.0, range_max_m: max, ceiling_m: max.next_up() });
     }
-    let name = kind.name();
+    if record.described.is_some() {
+        let ceiling_m = record.tally.ceiling_m(stated.filter(|max| *max <= STATED_MAX_M));
+        return Ok(Limits { unit_m: 1.0, range_max_m: ceiling_m, ceiling_m });
+    }
     let usual = stated.filter(|max| *max <= STATED_MAX_M);
     let told = record.units.unit(kind == ScanKind::Sonar, record.tally.no_echo_from(), usual);
     let unit = match (forced, told) {
@@ -388,7 +418,8 @@ fn numbered(
     };
     match &record.layout {
         Layout::Fans(fans) => {
-            let mount = laser_mount(kind, record.mount, number);
+            let mount = record.described.map(|sensor| sensor.base_from_sensor);
+            let mount = mount.unwrap_or_else(|| laser_mount(kind, record.mount, number));
             let (numbers, beams) = FanNumbers::new(fans, circle, next)?;
             let lidar = |beams: fans::SensorBeams| Sensor {
                 transducers: beams.transducers,

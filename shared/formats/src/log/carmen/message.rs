@@ -20,7 +20,7 @@ const VELOCITY_MAX: f64 = 1e3;
 /// Beyond this a number is no angle, in radians or degrees.
 const ANGLE_MAX: f64 = 1e4;
 /// Readings that one line may hold: as many as transducers can be numbered.
-const READINGS_MAX: usize = 65_535;
+pub(in crate::log) const READINGS_MAX: usize = 65_535;
 
 /// Which message a scan came in: one range sensor (or ring of sonars) of the log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -35,6 +35,8 @@ pub(crate) enum ScanKind {
     Raw(u8),
     /// `SONAR`.
     Sonar,
+    /// A sensor of a recording, by its number there.
+    Stream(u16),
 }
 
 impl ScanKind {
@@ -46,6 +48,7 @@ impl ScanKind {
             Self::Robot(number) => format!("ROBOTLASER{number}"),
             Self::Raw(number) => format!("RAWLASER{number}"),
             Self::Sonar => "SONAR".into(),
+            Self::Stream(number) => format!("sensor {number}"),
         }
     }
 
@@ -57,6 +60,7 @@ impl ScanKind {
             Self::Sonar => 2,
             Self::Robot(number) => 0x100 + u16::from(number),
             Self::Raw(number) => 0x200 + u16::from(number),
+            Self::Stream(number) => 0x300 + number,
         };
         Source(Source::FIRST_SCAN + number)
     }
@@ -97,6 +101,16 @@ pub(crate) struct Carried {
     pub(crate) w_radps: f64,
 }
 
+/// A sensor that a message describes: ranges are metres, infinity is no echo, and who gave none is no number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Described {
+    pub(crate) base_from_sensor: Pose2,
+    pub(crate) range_min_m: f64,
+    pub(crate) range_max_m: f64,
+    /// From reading to reading, nanoseconds.
+    pub(crate) reading_step_ns: f64,
+}
+
 /// A line of readings.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct ScanLine {
@@ -106,6 +120,8 @@ pub(crate) struct ScanLine {
     pub(crate) ranges: Vec<f64>,
     pub(crate) carried: Option<Carried>,
     pub(crate) stamp_ns: Option<u64>,
+    /// What a message says of its sensor that says all of it.
+    pub(crate) described: Option<Described>,
     /// What is odd about how it describes the sensor, though it is usable.
     pub(crate) oddities: Vec<Refusal>,
 }
@@ -150,6 +166,8 @@ pub(crate) fn parse(line: &[u8]) -> Result<Message<'_>, Refusal> {
             Some(kind @ (ScanKind::Front | ScanKind::Rear)) => laser(kind, words),
             Some(kind @ (ScanKind::Raw(_) | ScanKind::Robot(_))) => described_laser(kind, words),
             Some(ScanKind::Sonar) => sonar(words),
+            // No word is one.
+            Some(ScanKind::Stream(_)) => Err(Refusal::new(FaultKind::NotAMessage, text)),
             None if looks_like_a_name(name) => Ok(Message::Other { name }),
             None => Err(Refusal::new(FaultKind::NotAMessage, text)),
         },
@@ -219,6 +237,7 @@ fn laser(kind: ScanKind, mut words: Words<'_>) -> Result<Message<'static>, Refus
         ranges,
         carried: Some(Carried { odom_from_base, odom_from_sensor: Some(odom_from_sensor), v_mps: 0.0, w_radps: 0.0 }),
         stamp_ns,
+        described: None,
         oddities: Vec::new(),
     }))
 }
@@ -260,6 +279,7 @@ fn described_laser(kind: ScanKind, mut words: Words<'_>) -> Result<Message<'stat
         ranges,
         carried,
         stamp_ns,
+        described: None,
         oddities,
     }))
 }
@@ -284,6 +304,7 @@ fn sonar(mut words: Words<'_>) -> Result<Message<'static>, Refusal> {
         ranges,
         carried,
         stamp_ns,
+        described: None,
         oddities,
     }))
 }

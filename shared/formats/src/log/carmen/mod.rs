@@ -15,6 +15,7 @@ mod ceiling;
 mod fans;
 mod kinds;
 pub(super) mod message;
+pub(super) mod origin;
 mod read;
 mod record;
 mod rings;
@@ -23,12 +24,13 @@ mod survey;
 mod units;
 mod write;
 
-pub(super) use angles::plain_fan;
+pub(super) use angles::{cone, plain_fan};
 pub(crate) use kinds::CarmenPlan;
 pub use read::read;
+pub(super) use read::read_recording;
 pub use record::LogFile;
-pub(super) use survey::survey_of;
 pub use survey::{survey, survey_with};
+pub(super) use survey::{survey_of, survey_recording};
 pub use units::RangeUnit;
 pub(crate) use write::CarmenWriter;
 

@@ -2,12 +2,16 @@
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use echogrid_core::{Echo, Reading};
 
 use super::kinds::{CarmenPlan, UsedKind};
 use super::message::{Message, ScanLine};
+use super::origin::Origin;
+use crate::log::dialect::Dialect;
 use crate::log::lines::{Line, Lines};
+use crate::log::recording::{Container, Messages};
 use crate::log::timeline::{EventLine, Rank, Source, TimedLine};
 use crate::log::{LogError, LogEvent, LogReader, LogSurvey};
 
@@ -19,10 +23,17 @@ pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey)
     let surveyed = survey.byte_counts.first().copied().unwrap_or(0);
     let stored = stored.take(surveyed);
     let lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
+    let dialect = match &survey.plan.origin {
+        Origin::Text(dialect) => dialect.clone(),
+        Origin::Recording(format, _) => {
+            return Err(LogError::Changed { path: path.to_path_buf(), surveyed: *format });
+        }
+    };
     Ok(LogReader(Box::new(CarmenReader {
         lines: Some(lines),
         shrunk: None,
         surveyed,
+        dialect,
         path: path.to_path_buf(),
         plan: survey.plan.clone(),
         timeline: EventLine::new(&survey.clock),
@@ -36,6 +47,7 @@ struct CarmenReader<R: Read> {
     lines: Option<Lines<R>>,
     /// Bytes of the file when it was surveyed.
     surveyed: u64,
+    dialect: Dialect,
     path: PathBuf,
     plan: CarmenPlan,
     timeline: EventLine,
@@ -54,7 +66,7 @@ impl<R: Read> Iterator for CarmenReader<R> {
                 // What is refused has been counted by the survey.
                 Ok(Some(Line::Bytes(number, bytes))) => {
                     let (plan, timeline) = (&self.plan, &mut self.timeline);
-                    let _ = plan.dialect.parse(bytes, &mut |message| {
+                    let _ = self.dialect.parse(bytes, &mut |message| {
                         if let Some(line) = timed_line(number, message, plan) {
                             timeline.push(line);
                         }
@@ -69,6 +81,80 @@ impl<R: Read> Iterator for CarmenReader<R> {
                     self.lines = None;
                     return Some(Err(LogError::open(&self.path, source)));
                 }
+            }
+        }
+    }
+}
+
+/// Reads the events of a recording that has been surveyed.
+pub(in crate::log) fn read_recording(
+    container: Box<dyn Container>,
+    path: &Path,
+    survey: &LogSurvey,
+) -> Result<LogReader, LogError> {
+    let Origin::Recording(_, plan) = &survey.plan.origin else {
+        return Err(LogError::Changed { path: path.to_path_buf(), surveyed: survey.format });
+    };
+    Ok(LogReader(Box::new(RecordingReader {
+        messages: Some(Messages::new(container, Arc::clone(plan))),
+        surveyed: survey.byte_counts.first().copied().unwrap_or(0),
+        shrunk: None,
+        path: path.to_path_buf(),
+        plan: survey.plan.clone(),
+        timeline: EventLine::new(&survey.clock),
+    })))
+}
+
+struct RecordingReader {
+    /// None after their end.
+    messages: Option<Messages>,
+    /// Bytes of the file when it was surveyed.
+    surveyed: u64,
+    /// What is said after the last event.
+    shrunk: Option<LogError>,
+    path: PathBuf,
+    plan: CarmenPlan,
+    timeline: EventLine,
+}
+
+impl RecordingReader {
+    /// Reads on, by a chunk or so.
+    fn advance(&mut self) -> Result<(), LogError> {
+        let Some(messages) = &mut self.messages else { return Ok(()) };
+        let (plan, timeline) = (&self.plan, &mut self.timeline);
+        // What is refused has been counted by the survey.
+        let goes_on = messages.advance(&mut |number, message| {
+            if let Some(line) = message.ok().and_then(|message| timed_line(number, message, plan)) {
+                timeline.push(line);
+            }
+        });
+        let failed = |source| LogError::open(&self.path, source);
+        if goes_on.map_err(failed)? {
+            return Ok(());
+        }
+        self.timeline.finish();
+        let Some(messages) = self.messages.take() else { return Ok(()) };
+        let left = messages.into_container().finish().map_err(failed)?.bytes;
+        let surveyed = self.surveyed;
+        self.shrunk = (left < surveyed).then(|| LogError::Shrunk { path: self.path.clone(), surveyed, left });
+        Ok(())
+    }
+}
+
+impl Iterator for RecordingReader {
+    type Item = Result<LogEvent, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(event) = self.timeline.pop() {
+                return Some(Ok(event));
+            }
+            if self.messages.is_none() {
+                return self.shrunk.take().map(Err);
+            }
+            if let Err(error) = self.advance() {
+                self.messages = None;
+                return Some(Err(error));
             }
         }
     }
@@ -113,7 +199,7 @@ fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLi
     }
     let rank = if events.is_empty() { Rank::Scan } else { Rank::Odometry };
     if let Some((used, transducers)) = used {
-        events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(&scan.ranges, used, &transducers) });
+        events.push(LogEvent::Scan { stamp_ns: 0, readings: readings(scan, used, &transducers) });
     }
     Some(TimedLine {
         number,
@@ -127,21 +213,27 @@ fn timed_scan(number: u64, scan: &ScanLine, plan: &CarmenPlan) -> Option<TimedLi
     })
 }
 
-fn readings(ranges: &[f64], used: &UsedKind, transducers: &[u16]) -> Vec<Reading> {
+fn readings(scan: &ScanLine, used: &UsedKind, transducers: &[u16]) -> Vec<Reading> {
+    let step_ns = scan.described.map_or(0.0, |sensor| sensor.reading_step_ns);
+    let offset_ns = |index: usize| match used.offsets_ns.get(index) {
+        Some(offset_ns) => *offset_ns,
+        None => libm::round(step_ns * index as f64) as i32,
+    };
+    let ranges = scan.ranges.iter().zip(transducers).enumerate();
     ranges
-        .iter()
-        .zip(transducers)
-        .enumerate()
         .map(|(index, (range, transducer))| Reading {
             transducer: *transducer,
             echo: echo(*range, used),
-            offset_ns: used.offsets_ns.get(index).copied().unwrap_or(0),
+            offset_ns: offset_ns(index),
         })
         .collect()
 }
 
 fn echo(range: f64, used: &UsedKind) -> Echo {
     let range_m = range * used.unit_m;
+    if used.is_described && range == f64::INFINITY {
+        return Echo::NoEcho;
+    }
     if !super::is_sane(range) || range_m < used.range_min_m {
         Echo::Invalid
     } else if range_m >= used.ceiling_m {

@@ -4,17 +4,20 @@ use echogrid_core::{Pose2, wrap_angle};
 
 /// A longer time between two lines tells nothing, nanoseconds.
 const GAP_NS: u64 = 2_000_000_000;
-/// Less than this is no motion, metres and radians.
-const MOTION: f64 = 1e-3;
+/// Shorter pieces of the way, metres and radians, tell nothing: poses may be rounded to millimetres and whole degrees.
+const PIECE: f64 = 0.05;
 /// So far off is no noise, and no slip.
 const FACTOR: f64 = 5.0;
-/// So many steps, and so great a share of those in motion, are no accident.
+/// So many pieces, and so great a share of all, are no accident.
 const ENOUGH: u64 = 30;
 const SHARE: f64 = 0.25;
 
-/// Steps of one kind, ways or turns, against what the speeds make of them.
+/// Pieces of the way, or of the turns, against what the speeds make of them.
 #[derive(Debug, Default)]
 struct Steps {
+    /// Since the last piece, as the poses say and as the speeds say.
+    step: f64,
+    said: f64,
     moving: u64,
     faster: u64,
     slower: u64,
@@ -23,11 +26,14 @@ struct Steps {
 
 impl Steps {
     fn add(&mut self, step: f64, said: f64) {
-        if said.abs() < MOTION {
+        self.step += step;
+        self.said += said;
+        // As good as it: sums of tenths are not exact.
+        if self.said.abs() < 0.999 * PIECE {
             return;
         }
         self.moving += 1;
-        let ratio = step / said;
+        let ratio = core::mem::take(&mut self.step) / core::mem::take(&mut self.said);
         if ratio.abs() > FACTOR {
             self.faster += 1;
         } else if ratio.abs() < 1.0 / FACTOR {
@@ -126,6 +132,14 @@ mod tests {
         said(&|_, pose| Pose2::new(pose.x, pose.y, pose.theta.to_degrees()), "are headings in radians?");
         said(&|_, pose| Pose2::new(pose.x, -pose.y, -pose.theta), "are they mirrored?");
         said(&|tenth, pose| if tenth < 200 { pose } else { Pose2::new(1.0, 1.0, 1.0) }, "does the odometry hang");
+    }
+
+    #[test]
+    fn headings_in_whole_degrees_turn_all_the_same() {
+        assert_eq!(
+            remarks(|_, pose| Pose2::new(pose.x, pose.y, pose.theta.to_degrees().round().to_radians())),
+            [""; 0]
+        );
     }
 
     #[test]

@@ -3,20 +3,23 @@
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 
 use echogrid_core::Pose2;
 use echogrid_core::robot::SENSORS_MAX;
 
 use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
 use super::message::{Message, ScanKind, ScanLine};
+use super::origin::Origin;
 use super::speeds::Speeds;
 use crate::log::dialect::Dialect;
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::lines::{Line, Lines};
+use crate::log::recording::{Container, Messages, RecordingPlan};
 use crate::log::source::hex;
 use crate::log::tally::{EventTally, Summary};
 use crate::log::timeline::{Rank, Source, TimedLine};
-use crate::log::{LogError, LogSurvey, SurveyOptions};
+use crate::log::{LogError, LogFormat, LogSurvey, SurveyOptions};
 
 /// Parameters that are kept, and their longest value in bytes.
 const PARAMS_MAX: usize = 4096;
@@ -48,24 +51,40 @@ pub(in crate::log) fn survey_of(
     options: SurveyOptions,
 ) -> Result<LogSurvey, LogError> {
     let mut lines = Lines::new(stored).map_err(|source| LogError::open(path, source))?;
-    let mut surveyor = Surveyor {
-        faults: FaultCounter::default(),
-        skipped: BTreeMap::new(),
-        params: BTreeMap::new(),
-        kinds: BTreeMap::new(),
-        events: EventTally::new(),
-        odom_from_base: None,
-        speeds: Speeds::default(),
-        unstamped: 0,
-        most_sonars: None,
-        options,
-        dialect,
-    };
+    let mut surveyor = Surveyor::new(options, Origin::Text(dialect.clone()));
     while let Some(line) = lines.next().map_err(|source| LogError::open(path, source))? {
-        surveyor.line(line);
+        surveyor.line(&dialect, line);
     }
     let stored = lines.finish().map_err(|source| LogError::open(path, source))?;
     let mut survey = surveyor.conclude(path)?;
+    survey.sha256 = hex(stored.hasher);
+    survey.byte_counts = vec![stored.bytes];
+    Ok(survey)
+}
+
+/// Surveys a recording, of which it has been chosen what is used.
+pub(in crate::log) fn survey_recording(
+    container: Box<dyn Container>,
+    path: &Path,
+    format: LogFormat,
+    plan: Arc<RecordingPlan>,
+    options: SurveyOptions,
+) -> Result<LogSurvey, LogError> {
+    let mut surveyor = Surveyor::new(options, Origin::Recording(format, Arc::clone(&plan)));
+    let mut messages = Messages::new(container, Arc::clone(&plan));
+    let mut take = |number, message: Result<Message<'_>, Refusal>| match message {
+        Ok(message) => surveyor.message(number, message),
+        Err(refusal) => surveyor.faults.count(number, refusal),
+    };
+    while messages.advance(&mut take).map_err(|source| LogError::open(path, source))? {}
+    let stored = messages.into_container().finish().map_err(|source| LogError::open(path, source))?;
+    let unstamped = surveyor.unstamped;
+    if unstamped > 0 {
+        surveyor.faults.count_many(0, Refusal::new(FaultKind::BadStamp, "no stamp"), unstamped);
+    }
+    surveyor.skipped.extend(plan.skipped.clone());
+    let mut survey = surveyor.conclude(path)?;
+    survey.remarks.splice(0..0, plan.remarks.iter().cloned());
     survey.sha256 = hex(stored.hasher);
     survey.byte_counts = vec![stored.bytes];
     Ok(survey)
@@ -93,21 +112,35 @@ struct Surveyor {
     /// The first line that names more sonars than a robot can have, and how many.
     most_sonars: Option<(u64, usize)>,
     options: SurveyOptions,
-    dialect: Dialect,
+    origin: Origin,
 }
 
 impl Surveyor {
-    fn line(&mut self, line: Line<'_>) {
+    fn new(options: SurveyOptions, origin: Origin) -> Self {
+        Self {
+            faults: FaultCounter::new(origin.place()),
+            skipped: BTreeMap::new(),
+            params: BTreeMap::new(),
+            kinds: BTreeMap::new(),
+            events: EventTally::new(),
+            odom_from_base: None,
+            speeds: Speeds::default(),
+            unstamped: 0,
+            most_sonars: None,
+            options,
+            origin,
+        }
+    }
+
+    fn line(&mut self, dialect: &Dialect, line: Line<'_>) {
         match line {
             Line::Bytes(number, bytes) => {
-                let dialect = core::mem::take(&mut self.dialect);
                 let unstamped = self.unstamped;
                 let outcome = dialect.parse(bytes, &mut |message| self.message(number, message));
                 if self.unstamped > unstamped {
                     let refusal = Refusal::new(FaultKind::BadStamp, dialect.stamp_of(bytes));
                     self.faults.count_many(number, refusal, self.unstamped - unstamped);
                 }
-                self.dialect = dialect;
                 if let Err(refusal) = outcome {
                     self.faults.count(number, refusal);
                 }
@@ -147,11 +180,13 @@ impl Surveyor {
             return;
         }
         scan.oddities.iter().for_each(|odd| self.faults.count(line, odd.clone()));
+        let may_be_infinite = scan.described.is_some();
         for (kind, is_faulty) in [
             (FaultKind::RangeNotFinite, (|range| !range.is_finite()) as fn(f64) -> bool),
             (FaultKind::AbsurdRange, |range| range.is_finite() && !super::is_sane(range)),
         ] {
-            let mut faulty = scan.ranges.iter().filter(|range| is_faulty(**range));
+            let is_faulty = |range: &&f64| is_faulty(**range) && (range.is_finite() || !may_be_infinite);
+            let mut faulty = scan.ranges.iter().filter(is_faulty);
             if let Some(first) = faulty.next() {
                 let count = 1 + faulty.count() as u64;
                 self.faults.count_many(line, Refusal::new(kind, first.to_string()), count);
@@ -196,13 +231,13 @@ impl Surveyor {
         let kinds = kinds_in_use(&self.kinds);
         let mut skipped = self.skipped;
         for (kind, record) in self.kinds.iter().filter(|(kind, _)| !kinds.contains(kind)) {
-            *skipped.entry(kind.name()).or_insert(0) += record.lines;
+            *skipped.entry(self.origin.name_of(*kind)).or_insert(0) += record.lines;
         }
         if let Some((line, count)) = self.most_sonars {
             return Err(LogError::TooManySonars { path: path.to_path_buf(), line, count });
         }
         if kinds.is_empty() {
-            return Err(no_readings(path, &self.dialect, &faults));
+            return Err(no_readings(path, &self.origin, &faults));
         }
         // The most poses; at equal numbers the kind that comes first.
         let poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind));
@@ -211,19 +246,21 @@ impl Surveyor {
         let odometry_from = match (self.events.lines(Class::Odometry) > 0, most) {
             (true, _) if !apart => None,
             (true, None) => return Err(LogError::Apart { path: path.to_path_buf() }),
-            (false, None) => return Err(no_odometry(path, &self.dialect, &faults)),
+            (false, None) => return Err(no_odometry(path, &self.origin, &faults)),
             (_, most) => most,
         };
         let Sensors { robot, used, mut remarks } =
-            robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit)
+            robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit, &self.origin)
                 .map_err(|unusable| unusable_sensors(path, unusable))?;
+        let place = self.origin.place();
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);
-        let Summary { clock, first_stamp_ns, last_stamp_ns, distance_m } =
+        let Summary { mut clock, first_stamp_ns, last_stamp_ns, distance_m } =
             self.events.summary(odometry, |class| match class {
                 Class::Odometry => odometry_from.is_none(),
                 Class::TruePose => true,
                 Class::Scan(kind) => used.contains_key(&kind),
             });
+        clock.count_in(place);
         remarks.extend(self.speeds.remarks());
         if let Some(kind) = odometry_from.filter(|_| apart) {
             let lines = self.events.lines(Class::Odometry);
@@ -234,7 +271,7 @@ impl Surveyor {
         }
         let used_records = || used.keys().filter_map(|kind| self.kinds.get(kind));
         Ok(LogSurvey {
-            format: self.dialect.format(),
+            format: self.origin.format(),
             robot,
             odometry_count: self.events.poses(odometry),
             scan_count: used_records().map(|record| record.lines).sum(),
@@ -252,7 +289,7 @@ impl Surveyor {
             sha256: String::new(),
             params: self.params,
             byte_counts: Vec::new(),
-            plan: CarmenPlan { dialect: self.dialect, used, odometry_from },
+            plan: CarmenPlan { origin: self.origin, used, odometry_from },
         })
     }
 }
@@ -266,18 +303,18 @@ fn unusable_sensors(path: &Path, unusable: Unusable) -> LogError {
     }
 }
 
-fn no_odometry(path: &Path, dialect: &Dialect, faults: &[Fault]) -> LogError {
+fn no_odometry(path: &Path, origin: &Origin, faults: &[Fault]) -> LogError {
     LogError::NoOdometry {
         path: path.to_path_buf(),
-        expected: dialect.odometry_lines(),
+        expected: origin.odometry_lines(),
         first_fault: first_fault(faults),
     }
 }
 
-fn no_readings(path: &Path, dialect: &Dialect, faults: &[Fault]) -> LogError {
+fn no_readings(path: &Path, origin: &Origin, faults: &[Fault]) -> LogError {
     LogError::NoReadings {
         path: path.to_path_buf(),
-        expected: dialect.reading_lines(),
+        expected: origin.reading_lines(),
         first_fault: first_fault(faults),
     }
 }

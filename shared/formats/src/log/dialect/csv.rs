@@ -127,7 +127,15 @@ impl Columns {
         let ring = Shape::Ring { aperture_rad: FRAC_PI_6, base_from_sonar: mounts };
         for (kind, shape, ranges) in [(ScanKind::Front, fan, beams), (ScanKind::Sonar, ring, sonars)] {
             if !ranges.iter().all(|range| range.is_nan()) {
-                take(Message::Scan(ScanLine { kind, shape, ranges, carried: None, stamp_ns, oddities: Vec::new() }));
+                take(Message::Scan(ScanLine {
+                    kind,
+                    shape,
+                    ranges,
+                    carried: None,
+                    stamp_ns,
+                    described: None,
+                    oddities: Vec::new(),
+                }));
             }
         }
         Ok(())

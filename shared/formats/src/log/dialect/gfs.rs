@@ -30,6 +30,7 @@ pub(super) fn parse(line: &[u8]) -> Result<Message<'_>, Refusal> {
                 ranges,
                 carried: Some(Carried { odom_from_base, odom_from_sensor: None, v_mps: 0.0, w_radps: 0.0 }),
                 stamp_ns,
+                described: None,
                 oddities: Vec::new(),
             }))
         }

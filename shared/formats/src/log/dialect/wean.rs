@@ -50,6 +50,7 @@ pub(super) fn parse(line: &[u8]) -> Result<Message<'static>, Refusal> {
                 ranges,
                 carried: Some(Carried { odom_from_base, odom_from_sensor, v_mps: 0.0, w_radps: 0.0 }),
                 stamp_ns,
+                described: None,
                 oddities: Vec::new(),
             }))
         }
