@@ -4,7 +4,7 @@ pub mod config;
 mod path;
 mod sonars;
 
-use std::path::PathBuf;
+use std::path::{Path as FilePath, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -12,7 +12,9 @@ use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, GridSummary, Tile};
-use echogrid_formats::map::{MapDocument, MapFiles, MapFormat, PathPoint, Provenance, main_part};
+use echogrid_formats::map::{
+    MapDocument, MapError, MapFileOptions, MapFiles, MapFormat, PathPoint, Provenance, main_part,
+};
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
 use serde::Deserialize;
@@ -34,11 +36,31 @@ struct Run {
     out: PathBuf,
 }
 
+/// Where a map is saved.
+pub trait Saver: core::fmt::Debug {
+    /// Saves a map into a folder; the paths written.
+    ///
+    /// # Errors
+    /// A file can't be written: what stood there stands there still.
+    fn save(&mut self, folder: &FilePath, map: &MapDocument, files: &MapFileOptions) -> Result<Vec<PathBuf>, MapError>;
+}
+
+/// The disk.
+#[derive(Debug)]
+struct Disk;
+
+impl Saver for Disk {
+    fn save(&mut self, folder: &FilePath, map: &MapDocument, files: &MapFileOptions) -> Result<Vec<PathBuf>, MapError> {
+        MapFiles::write_all(folder, map, files)
+    }
+}
+
 /// The publisher service.
 #[derive(Debug)]
 pub struct PublisherService {
     config: PublisherConfig,
     out: PathBuf,
+    saver: Box<dyn Saver>,
     provenance: Provenance,
     /// None until the first tile tells the resolution.
     grid: Option<Grid>,
@@ -60,9 +82,11 @@ impl PublisherService {
     pub fn new(config: PublisherConfig, out: PathBuf, provenance: Provenance) -> Result<Self> {
         config.validate().context("[publisher]")?;
         let (sonars, path) = (SonarSheet::default(), Path::new(config.path_points_max));
+        let saver = Box::new(Disk);
         Ok(Self {
             config,
             out,
+            saver,
             provenance,
             grid: None,
             doubt: None,
@@ -80,6 +104,13 @@ impl PublisherService {
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
         Self::new(plan.section("publisher")?, run.out, plan.section("provenance")?)
+    }
+
+    /// Saves elsewhere than on the disk.
+    #[must_use]
+    pub fn saving_by(mut self, saver: Box<dyn Saver>) -> Self {
+        self.saver = saver;
+        self
     }
 
     /// The files written so far.
@@ -115,7 +146,7 @@ impl PublisherService {
         let begun = Instant::now();
         let (doubt, path) = (self.doubt.clone(), self.path.points());
         let document = MapDocument { grid: grid.clone(), doubt, path, provenance: self.provenance.clone() };
-        self.written = MapFiles::write_all(&self.out, &document, &self.config.map_files())?;
+        self.written = self.saver.save(&self.out, &document, &self.config.map_files())?;
         match main_part(&document) {
             Ok(None) => {}
             Ok(Some((_, tiles))) => {

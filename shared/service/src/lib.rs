@@ -12,6 +12,7 @@ pub mod lifeline;
 mod live_clock;
 pub mod local;
 pub mod logging;
+pub mod mutants;
 pub mod onlooker;
 pub mod outbox;
 pub mod pace;

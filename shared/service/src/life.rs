@@ -151,8 +151,12 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
                 // What it answered was said when it was given.
                 let _ = sensor.command(command);
             }
+            if !is_live && runtime.ends_here() {
+                break 'playing;
+            }
             let (stamp_ns, message) = match waiting.take().or_else(|| again.pop_front()) {
                 Some(message) => message,
+                None if runtime.ends_here() => break 'playing,
                 // What can be made anew fails anew.
                 None if !sensor.is_ready()? => break,
                 None => match sensor.next().map_err(|error| if is_live { error } else { judged(error) })? {
@@ -187,9 +191,10 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
         }
         runtime.ring()?;
     }
+    let is_stopped = runtime.stop() == Some(Stop::Asked) || runtime.ends_here();
     // Without it nobody downstream would read on to the end that follows.
     if made == 0
-        && runtime.stop() == Some(Stop::Asked)
+        && is_stopped
         && sensor.is_ready()?
         && let Some((stamp_ns, robot @ Message::Robot(_))) = sensor.next()?
     {
@@ -198,9 +203,16 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     }
     sensor.close();
     runtime.set_note(sensor.note());
+    if is_stopped {
+        runtime.write_down_end()?;
+    }
+    // What was measured is spooled, and would come again.
+    let mut rest = Outbox::default();
+    let measured = waiting.into_iter().chain(again).filter(|_| is_live);
+    measured.for_each(|(stamp_ns, message)| rest.send(stamp_ns, message));
     runtime.set_state(ServiceState::Draining)?;
     tracing::debug!(asked = runtime.stop().is_some(), "finishes");
-    drain(runtime, &mut Outbox::default(), runtime.stop() != Some(Stop::Orphaned), |_, _| {}).await
+    drain(runtime, &mut rest, runtime.stop() != Some(Stop::Orphaned), |_, _| {}).await
 }
 
 /// Sends the rest. If the streams `ended`: says so, and waits until every consumer is done with all of it; `welcome` tells

@@ -17,8 +17,8 @@ use crate::wire::Header;
 
 /// What is open in shared memory, decided.
 pub trait Schedule {
-    /// Which of so many producers is read next.
-    fn choose(&mut self, producers: usize) -> usize;
+    /// Which of so many producers is read next; none: what they sent is still on its way.
+    fn choose(&mut self, producers: usize) -> Option<usize>;
 
     /// Whether this process lives to do what it is about to.
     fn lives(&mut self, process: u32) -> bool;
@@ -29,8 +29,8 @@ pub trait Schedule {
 pub struct InOrder;
 
 impl Schedule for InOrder {
-    fn choose(&mut self, _producers: usize) -> usize {
-        0
+    fn choose(&mut self, _producers: usize) -> Option<usize> {
+        Some(0)
     }
 
     fn lives(&mut self, _process: u32) -> bool {
@@ -242,8 +242,8 @@ impl Mailbox for Reader {
         if full.is_empty() {
             return Ok(None);
         }
-        let chosen = if full.len() == 1 { 0 } else { state.schedule.choose(full.len()) };
-        let sent = full.get_mut(chosen).and_then(|queue| queue.pop_front());
+        let chosen = state.schedule.choose(full.len());
+        let sent = chosen.and_then(|chosen| full.get_mut(chosen)).and_then(|queue| queue.pop_front());
         Ok(sent.map(|sent| {
             let (header, message) = &*sent;
             // What has no content has a flag that says why.

@@ -14,6 +14,7 @@ use echogrid_topics::{Ack, Command, Delivery, Message, Topic};
 
 use super::ports::{Ports, Source};
 use super::vitals::Vitals;
+use crate::mutants::Mutant;
 use crate::store::{Entry, Moment, Read, Store, Unrepeatable};
 
 /// A service that has nothing to do stores what it has taken in this long after it stored last …
@@ -44,12 +45,21 @@ pub(crate) struct Memory {
     stored_at: Instant,
     /// Number of the next message of a live sensor.
     pub(crate) spooled: u64,
+    /// After so many messages the user ended the stream, in an earlier life of the sensor.
+    pub(crate) ends_at: Option<u64>,
 }
 
 impl Memory {
     /// Of a life that began `now`.
     pub(crate) fn new(store: Option<Store>, now: Instant) -> Self {
-        Self { store, generations: VecDeque::new(), replaying: VecDeque::new(), stored_at: now, spooled: 0 }
+        Self {
+            store,
+            generations: VecDeque::new(),
+            replaying: VecDeque::new(),
+            stored_at: now,
+            spooled: 0,
+            ends_at: None,
+        }
     }
 
     /// The latest stored state that goes with what those downstream have stored.
@@ -98,7 +108,7 @@ impl Memory {
         }
         match self.replaying.pop_front()?.what {
             Unrepeatable::Command(command) => Some(command),
-            Unrepeatable::Robot(_) | Unrepeatable::Fix(_) => None,
+            Unrepeatable::Robot(_) | Unrepeatable::Fix(_) | Unrepeatable::End => None,
         }
     }
 
@@ -117,6 +127,27 @@ impl Memory {
     pub(crate) fn write_down_order(&mut self, at: &[u64], stamp_ns: u64, command: Command) -> Result<()> {
         let what = Unrepeatable::Command(command);
         self.store.as_mut().map_or(Ok(()), |store| store.write_down(&Entry { at: at.to_vec(), stamp_ns, what }))
+    }
+
+    /// Takes what is written down of a sensor: its orders, and where the user ended its stream.
+    pub(crate) fn take_journal(&mut self) -> Result<()> {
+        let Some(store) = &self.store else { return Ok(()) };
+        for entry in store.journal(0)? {
+            match entry.what {
+                Unrepeatable::End => self.ends_at = entry.at.first().copied(),
+                _ => self.replaying.push_back(entry),
+            }
+        }
+        Ok(())
+    }
+
+    /// The user ends the stream of a sensor when it has sent so many messages: whoever comes after it ends there, too.
+    pub(crate) fn write_down_end(&mut self, sent: u64, stamp_ns: u64) -> Result<()> {
+        let Some(store) = self.store.as_mut().filter(|_| self.ends_at.is_none() && !Mutant::ForgetsEnd.lives()) else {
+            return Ok(());
+        };
+        self.ends_at = Some(sent);
+        store.write_down(&Entry { at: vec![sent], stamp_ns, what: Unrepeatable::End })
     }
 
     /// Whether it is time to store the state of the service. `idle`: there is nothing else to do.
@@ -169,7 +200,9 @@ impl Memory {
             // The end counts when all is done that comes of it.
             let end = u64::from(source.ended);
             let sequence = match &self.store {
-                Some(_) if source.resumes() => stored.next().map_or(0, |read| read.sequence - u64::from(read.ended)),
+                Some(_) if source.resumes() && !Mutant::AcknowledgesEarly.lives() => {
+                    stored.next().map_or(0, |read| read.sequence - u64::from(read.ended))
+                }
                 _ => taken.sequence.saturating_sub(end),
             };
             Ack { sequence, ..taken }
@@ -208,6 +241,9 @@ fn moment(ports: &Ports, vitals: &Vitals) -> Moment {
 
 /// Whether all that had been written by then is stored by those who read it.
 fn is_stored_downstream(moment: &Moment, ports: &Ports) -> bool {
+    if Mutant::TrustsDownstream.lives() {
+        return true;
+    }
     moment.is_behind(|code| {
         let sink = ports.sinks.iter().find(|sink| sink.port.topic() as u32 == code);
         sink.map_or(u64::MAX, |sink| sink.port.acknowledged())

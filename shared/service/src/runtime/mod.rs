@@ -100,7 +100,7 @@ impl Runtime {
     /// Shared memory refuses.
     pub fn take(&mut self, welcome: impl Fn(Topic) -> bool) -> Result<Option<Taken>> {
         if let Some(entry) = self.memory.replay(&self.ports) {
-            return Ok(Some(self.take_effect_again(entry)));
+            return Ok(self.take_effect_again(entry));
         }
         for index in 0..self.ports.sources.len() {
             let topic = self.ports.sources[index].port.topic();
@@ -135,17 +135,19 @@ impl Runtime {
     }
 
     /// What took effect in an earlier life takes effect again.
-    fn take_effect_again(&mut self, entry: Entry) -> Taken {
+    fn take_effect_again(&mut self, entry: Entry) -> Option<Taken> {
         let (topic, message) = match entry.what {
             Unrepeatable::Robot(robot) => (Topic::RobotDescription, Message::Robot(robot)),
             Unrepeatable::Fix(fix) => (Topic::LocalizationFix, Message::Fix(fix)),
-            Unrepeatable::Command(command) => return Taken::Command(command),
+            Unrepeatable::Command(command) => return Some(Taken::Command(command)),
+            // A sensor's alone, which takes nothing.
+            Unrepeatable::End => return None,
         };
         let of_topic = self.ports.sources.iter_mut().filter(|source| source.port.topic() == topic);
         of_topic.for_each(|source| source.seen = true);
         self.vitals.progress += 1;
         self.vitals.stamp_ns = self.vitals.stamp_ns.max(entry.stamp_ns);
-        Taken::Message(Header { stamp_ns: entry.stamp_ns, ..Header::default() }, message)
+        Some(Taken::Message(Header { stamp_ns: entry.stamp_ns, ..Header::default() }, message))
     }
 
     /// Says what the service can't go on without; none: it is at work.

@@ -4,12 +4,13 @@ use anyhow::{Context, Result};
 use echogrid_topics::Header;
 use echogrid_topics::{Delivery, Health, Input as Port, Message, Output, Received, Topic};
 
+use crate::mutants::Mutant;
 use crate::outbox::Outbox;
 
 /// Whether the end of a stream, said in the life `epoch` of its producer, is meant for a process that was last told all that
 /// counts by the life `told`.
 fn is_meant_for_us(delivery: Delivery, told: u64, epoch: u64) -> bool {
-    delivery != Delivery::Relayed || told == epoch
+    delivery != Delivery::Relayed || told == epoch || Mutant::EndOvertakes.lives()
 }
 
 /// An input.
@@ -237,7 +238,10 @@ impl Ports {
         // Who was not met yet has heard nothing that could end.
         let may_end = |sink: &&mut Sink| {
             let is_relayed = sink.port.topic().delivery() == Delivery::Relayed;
-            !sink.ended && (!is_relayed || (sink.port.is_met() && !sink.newcomer && sink.untold.is_empty()))
+            !sink.ended
+                && (!is_relayed
+                    || Mutant::EndOvertakes.lives()
+                    || (sink.port.is_met() && !sink.newcomer && sink.untold.is_empty()))
         };
         for sink in self.sinks.iter_mut().filter(may_end) {
             if sink.port.topic().delivery().is_stream() {

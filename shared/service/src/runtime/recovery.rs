@@ -93,15 +93,13 @@ impl Runtime {
     pub async fn begin(&mut self, is_live: bool) -> Result<VecDeque<(u64, Message)>> {
         self.meet_consumers().await?;
         let (mut again, mut sent) = (VecDeque::new(), BTreeMap::new());
-        if let Some(store) = &self.memory.store {
-            self.memory.replaying = store.journal(0)?.into();
-            if is_live {
-                let (messages, next, trimmed) = store.spooled()?;
-                (self.memory.spooled, sent) = (next, trimmed);
-                again.extend(messages.into_iter().map(|spooled| (spooled.stamp_ns, spooled.message.into())));
-                // What was ordered is in what was measured.
-                self.memory.replaying.clear();
-            }
+        self.memory.take_journal()?;
+        if let Some(store) = self.memory.store.as_ref().filter(|_| is_live) {
+            let (messages, next, trimmed) = store.spooled()?;
+            (self.memory.spooled, sent) = (next, trimmed);
+            again.extend(messages.into_iter().map(|spooled| (spooled.stamp_ns, spooled.message.into())));
+            // What was ordered is in what was measured.
+            self.memory.replaying.clear();
         }
         self.resume_outputs(|topic| sent.get(&topic).copied().unwrap_or(0));
         Ok(again)
@@ -130,6 +128,21 @@ impl Runtime {
     #[must_use]
     pub fn is_catching_up(&self) -> bool {
         self.ports.sinks.iter().any(|sink| sink.port.is_known())
+    }
+
+    /// Whether the user ended the stream of this sensor here, in this life or an earlier one.
+    #[must_use]
+    pub fn ends_here(&self) -> bool {
+        self.memory.ends_at.is_some_and(|sent| self.vitals.progress >= sent)
+    }
+
+    /// The user ends the stream of this sensor here: that is written down before anybody hears of it, so that no life that
+    /// comes after this one goes on beyond.
+    ///
+    /// # Errors
+    /// The disk is full.
+    pub fn write_down_end(&mut self) -> Result<()> {
+        self.memory.write_down_end(self.vitals.progress, self.vitals.stamp_ns)
     }
 
     /// An order that a sensor of an earlier life carried out when it had made so many messages.

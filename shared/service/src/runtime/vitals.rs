@@ -7,6 +7,7 @@ use anyhow::Result;
 use echogrid_topics::{Ack, Health, Input as Port, Message, Output, Received, ServiceState, Topic};
 
 use crate::host::{Host, Told, Woken};
+use crate::mutants::Mutant;
 use crate::signals::Caught;
 
 /// A service says that it is alive at least this often.
@@ -145,8 +146,8 @@ impl Vitals {
     pub(crate) fn wake(&mut self, woken: &Woken) -> Result<()> {
         for told in &woken.told {
             match told {
-                Told::Leave(caught) => return Err(Terminated(*caught).into()),
-                Told::Stop => {
+                Told::Leave(caught) if !Mutant::SignalStops.lives() => return Err(Terminated(*caught).into()),
+                Told::Stop | Told::Leave(_) => {
                     anyhow::ensure!(self.stop != Some(Stop::Asked), "asked twice to stop: leaving at once");
                     self.stop.get_or_insert(Stop::Asked);
                 }

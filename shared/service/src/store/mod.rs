@@ -15,6 +15,8 @@ use echogrid_topics::{Command, LocalizationFix, Message, RawOdometry, TruePose};
 use serde::{Deserialize, Serialize};
 pub use shelf::{Change, Shelf, Table};
 
+use crate::mutants::Mutant;
+
 /// Messages between two looks at what of a spool is stored downstream.
 const TRIM_EVERY: u64 = 256;
 
@@ -73,6 +75,8 @@ pub enum Unrepeatable {
     Fix(LocalizationFix),
     /// An order of the user.
     Command(Command),
+    /// The user ended the run: a sensor's streams end here.
+    End,
 }
 
 /// Something unrepeatable, and when it took effect.
@@ -185,7 +189,7 @@ impl Store {
     pub fn over(shelf: Box<dyn Shelf>, file: &Path, run: u64, keeps_generations: bool) -> Result<Self> {
         let of = shelf.get(Table::Run, &[])?.and_then(|run| number(&run).ok());
         anyhow::ensure!(
-            of == Some(run),
+            of == Some(run) || Mutant::StaleStores.lives(),
             "what is stored there is of another run; remove it, or begin in another folder"
         );
         let mut store = Self { file: file.into(), shelf, next_generation: 0, next_entry: 0, keeps_generations };

@@ -1,0 +1,57 @@
+//! Faults that were mended, put back one at a time: a simulation that does not find them proves nothing.
+//!
+//! Without the feature `mutants` none can be, and the switches are constants.
+
+/// A fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mutant {
+    /// The end of a relayed stream is said to, and heard by, whoever was not told all before.
+    EndOvertakes,
+    /// A signal of a stranger is taken for the launcher's word, and who leaves with exit code 0 for done.
+    SignalStops,
+    /// A store of another run is taken for one's own.
+    StaleStores,
+    /// What was taken in is acknowledged before it is stored.
+    AcknowledgesEarly,
+    /// Where the user ended a run is not written down: a run that is resumed goes on beyond.
+    ForgetsEnd,
+    /// A state counts as stored though what had been written by then is not stored downstream.
+    TrustsDownstream,
+}
+
+impl Mutant {
+    /// Every fault, with its name on the command line.
+    pub const ALL: [(Self, &str); 6] = [
+        (Self::EndOvertakes, "end-overtakes"),
+        (Self::SignalStops, "signal-stops"),
+        (Self::StaleStores, "stale-stores"),
+        (Self::AcknowledgesEarly, "acknowledges-early"),
+        (Self::ForgetsEnd, "forgets-end"),
+        (Self::TrustsDownstream, "trusts-downstream"),
+    ];
+
+    /// Whether the fault is there.
+    #[cfg(feature = "mutants")]
+    #[must_use]
+    pub fn lives(self) -> bool {
+        LIVING.get() == Some(self)
+    }
+
+    /// Whether the fault is there.
+    #[cfg(not(feature = "mutants"))]
+    #[must_use]
+    pub const fn lives(self) -> bool {
+        false
+    }
+}
+
+#[cfg(feature = "mutants")]
+thread_local! {
+    static LIVING: std::cell::Cell<Option<Mutant>> = const { std::cell::Cell::new(None) };
+}
+
+/// From now on this thread has this fault, or none.
+#[cfg(feature = "mutants")]
+pub fn put_back(mutant: Option<Mutant>) {
+    LIVING.set(mutant);
+}
