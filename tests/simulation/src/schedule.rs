@@ -158,7 +158,9 @@ struct Play<'a> {
     next_fault: usize,
     /// The launcher was killed while it tidied up.
     was_tidying: bool,
-    /// The user ended the run, in any life of its launcher.
+    /// The run that is played.
+    run: u64,
+    /// The user ended it, in any life of its launcher.
     is_stopped: bool,
     played: Played,
 }
@@ -175,6 +177,7 @@ impl<'a> Play<'a> {
             next_process: 100,
             next_fault: 0,
             was_tidying: false,
+            run: 0,
             is_stopped: false,
             played: Played::default(),
         }
@@ -185,7 +188,6 @@ impl<'a> Play<'a> {
         drives.extend(self.schedule.then.map(|(drive, _)| drive));
         for (place, drive) in drives.iter().enumerate() {
             self.world.borrow_mut().disk.map = None;
-            self.is_stopped = false;
             loop {
                 match self.launch(*drive)? {
                     Over::Died if place == 0 && self.schedule.then.is_some_and(|(_, at_once)| at_once) => break,
@@ -230,6 +232,9 @@ impl<'a> Play<'a> {
         // Another domain: nothing of those before is in it.
         self.bus = Bus::new(Box::new(Chance(self.world.clone())));
         let Ok(run) = open_spool(&self.world, process, drive) else { return Ok(self.launcher_died(process)) };
+        if run != self.run {
+            (self.run, self.is_stopped) = (run, false);
+        }
         let mut launcher = Launcher::new(&self.world, &self.bus, process, drive, run);
         while !launcher.is_over() {
             self.played.turns += 1;
