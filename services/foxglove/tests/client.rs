@@ -49,7 +49,8 @@ fn a_client_receives_the_map_and_the_pose_of_a_running_demo() {
         estimate["x"].is_number() && estimate["covariance"].as_array().is_some_and(|rows| rows.len() == 9),
         "{told}"
     );
-    drop(graph);
+    graph.signal(nix::sys::signal::Signal::SIGINT);
+    assert!(graph.wait().status.success());
     // It leaves with its graph.
     assert!(shown.wait().unwrap().success());
 }
