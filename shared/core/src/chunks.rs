@@ -38,7 +38,7 @@ impl Chunks {
     /// Saves what changed of `entries`, the first of which is at `begin`, under names that begin with `prefix`.
     pub fn save<T: Serialize>(&mut self, parts: &mut Parts, prefix: &str, begin: u64, entries: &VecDeque<T>) {
         let end = begin + entries.len() as u64;
-        let first = begin / self.size;
+        let first = first_chunk(self.size, begin, end);
         let mut changed = std::mem::take(&mut self.replaced);
         if end > self.end {
             changed.extend(self.end.max(begin) / self.size..end.div_ceil(self.size));
@@ -87,8 +87,13 @@ impl Chunks {
             }
             place = until;
         }
-        Ok((Self { size, first: begin / size, end: end.max(begin), replaced: BTreeSet::new() }, entries))
+        Ok((Self { size, first: first_chunk(size, begin, end), end: end.max(begin), replaced: BTreeSet::new() }, entries))
     }
+}
+
+/// The first chunk that holds an entry; of an empty list none does, not even the one that its end lies in.
+fn first_chunk(size: u64, begin: u64, end: u64) -> u64 {
+    if begin < end { begin / size } else { begin.div_ceil(size) }
 }
 
 fn name(prefix: &str, chunk: u64) -> String {

@@ -275,12 +275,12 @@ impl Fusion {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NoEcho {
+    /// That the cone is rather empty, where walls that mirror are part of the rule ([`Fusion::Oriented`]); else nothing.
+    Auto,
     /// Nothing: a wall that mirrors returns no echo either.
     Ignore,
     /// That the cone is rather empty, as far as an echo is not lost (`echo_lost`).
     Clear,
-    /// That it is, where walls that mirror are part of the rule ([`Fusion::Oriented`]); else nothing.
-    Auto,
 }
 
 impl NoEcho {

@@ -2,7 +2,7 @@
 //!
 //! Of each state it is kept what e^v is, relative to what it was before any reading: a number of 5 bits of exponent and 11 of
 //! mantissa, from 2^-15 up to 2^17. Steps of a reading that are less than the last bit are not lost but for chance: what is cut off is
-//! rounded up as often as it is great, by a draw of the reading ([`draw`]).
+//! rounded up as often as it is great, by a draw of the reading (`draw`).
 
 use crate::grid::{TILE_CELLS, TILE_SIDE};
 use crate::oriented::STATES;

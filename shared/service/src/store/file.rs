@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, anyhow, ensure};
 use redb::backends::FileBackend;
 use redb::{Database, DatabaseError, ReadableDatabase, ReadableTable, StorageBackend, TableDefinition};
+use sha2::{Digest, Sha256};
 
 use super::beginning;
 use super::shelf::{Change, Shelf, Table};
@@ -36,6 +37,22 @@ impl File {
     }
 }
 
+impl File {
+    /// All that is in it, as a digest.
+    fn entries(&self) -> Result<[u8; 32]> {
+        let mut digest = Sha256::new();
+        for table in Table::ALL {
+            for (key, value) in self.range(table, &[])? {
+                for bytes in [&key, &value] {
+                    digest.update((bytes.len() as u64).to_le_bytes());
+                    digest.update(bytes);
+                }
+            }
+        }
+        Ok(digest.finalize().into())
+    }
+}
+
 impl Drop for File {
     fn drop(&mut self) {
         // It tidies up, and trips over damage like all else; an error has been told by then.
@@ -52,8 +69,10 @@ pub(super) fn open(file: &Path, run: u64, synced: bool) -> Result<Box<dyn Shelf>
         let mut shelf = File(Some(unpanicked(|| database(file, synced))?));
         // Nothing else than what was synced can have been cut by whatever happened to the machine.
         if synced {
+            // A store that was not closed is tidied up by this, too: what tells damage is that entries change.
+            let found = shelf.entries()?;
             let is_whole = unpanicked(|| Ok(shelf.0.as_mut().context("it is closed")?.check_integrity()?))?;
-            ensure!(is_whole, "it is damaged");
+            ensure!(is_whole || shelf.entries()? == found, "it is damaged");
         }
         return Ok(Box::new(shelf));
     }
