@@ -87,7 +87,10 @@ impl Chunks {
             }
             place = until;
         }
-        Ok((Self { size, first: first_chunk(size, begin, end), end: end.max(begin), replaced: BTreeSet::new() }, entries))
+        Ok((
+            Self { size, first: first_chunk(size, begin, end), end: end.max(begin), replaced: BTreeSet::new() },
+            entries,
+        ))
     }
 }
 
