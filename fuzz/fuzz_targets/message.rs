@@ -33,7 +33,7 @@ fn bytes_of<W: Wire>(wire: &W) -> &[u8] {
 
 /// Every number of these fields must be finite; a cell of a tile may be unknown.
 fn check_numbers(fields: &[Field], bytes: &[u8]) {
-    for Field { name, ty, offset } in fields {
+    for Field { name, ty, offset, .. } in fields {
         let (ty, count) = ty.trim_matches(['[', ']']).split_once("; ").unwrap_or((ty, "1"));
         let count: usize = count.parse().expect("a length");
         let at = &bytes[*offset..];
@@ -50,10 +50,10 @@ fn check_numbers(fields: &[Field], bytes: &[u8]) {
             }
             "SensorWire" => {
                 let sensors = at.chunks_exact(size_of::<SensorWire>()).take(count);
-                sensors.for_each(|bytes| check_numbers(SensorWire::FIELDS, bytes));
+                sensors.for_each(|bytes| check_numbers(SensorWire::LAYOUT.fields, bytes));
             }
-            "IncidentsWire" => check_numbers(IncidentsWire::FIELDS, at),
-            "EstimateWire" => check_numbers(EstimateWire::FIELDS, at),
+            "IncidentsWire" => check_numbers(IncidentsWire::LAYOUT.fields, at),
+            "EstimateWire" => check_numbers(EstimateWire::LAYOUT.fields, at),
             "u8" | "u16" | "u32" | "u64" | "i32" | "AckWire" => {}
             other => panic!("{name} is of a type that nobody checks: {other}"),
         }
@@ -68,7 +68,7 @@ where
 {
     let Ok(message) = M::try_from(&wire_of::<W>(bytes)) else { return };
     let sent = W::from(&message);
-    check_numbers(W::FIELDS, bytes_of(&sent));
+    check_numbers(W::LAYOUT.fields, bytes_of(&sent));
     let again = W::from(&M::try_from(&sent).expect("what was taken can be sent"));
     // As bytes: a cell that is unknown equals nothing.
     assert_eq!(bytes_of(&again), bytes_of(&sent));

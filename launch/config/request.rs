@@ -72,11 +72,7 @@ impl LoadRequest {
             found.add(argument::assign("localizer.source", "truth", &origin));
             found.add(argument::assign("replay.truth", truth, &origin));
         }
-        if !self.topics.is_empty() {
-            let quoted: Vec<String> = self.topics.iter().map(|topic| format!("{topic:?}")).collect();
-            let origin = Source::argument(&format!("--topic {}", self.topics.join(" --topic ")), Some(base));
-            found.add(argument::assign("replay.topics", &format!("[{}]", quoted.join(", ")), &origin));
-        }
+        self.add_topics(base, &mut found);
         for (flag, key, value) in [
             ("--robot", "run.robot", &self.robot),
             ("--rate", "run.rate", &self.rate),
@@ -111,6 +107,14 @@ impl LoadRequest {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));
         }
         found
+    }
+
+    fn add_topics(&self, base: &Path, found: &mut Findings) {
+        if !self.topics.is_empty() {
+            let quoted: Vec<String> = self.topics.iter().map(|topic| format!("{topic:?}")).collect();
+            let origin = Source::argument(&format!("--topic {}", self.topics.join(" --topic ")), Some(base));
+            found.add(argument::assign("replay.topics", &format!("[{}]", quoted.join(", ")), &origin));
+        }
     }
 }
 

@@ -52,7 +52,8 @@ fn the_readings_of_a_cell_come_to_what_the_map_says() {
             assert_eq!(number(&answer["log_odds"]) as f32, log_odds);
             let readings = answer["readings"].as_array().unwrap();
             let added: f64 = readings.iter().map(|reading| number(&reading["added"])).sum();
-            assert!((added - f64::from(log_odds)).abs() < 1e-4, "{fusion}: {added} {log_odds}");
+            let driven = number(&answer["driven_added"]);
+            assert!((added + driven - f64::from(log_odds)).abs() < 1e-4, "{fusion}: {added} {driven} {log_odds}");
             let by_sensor: f64 = answer["sensors"].as_array().unwrap().iter().map(|of| number(&of["added"])).sum();
             assert!((by_sensor - added).abs() < 1e-9);
             assert!(readings.is_sorted_by_key(|reading| reading["scan"].as_u64().unwrap()), "{answer}");

@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 use flate2::Compression;
 use flate2::write::GzEncoder;
 
-use crate::WriteError;
 use crate::kind::{self, Kind};
 use crate::log::carmen::CarmenWriter;
 use crate::log::{self, KNOWN_FORMATS, LogError};
@@ -25,6 +24,7 @@ use crate::map::map_server::{self, MapMode, Thresholds};
 use crate::map::{MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
 use crate::whole_file::{WholeFile, write_together, write_whole};
+use crate::{WriteError, open_regular};
 
 /// What a conversion did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -156,6 +156,9 @@ fn kind_of(input: &Path) -> Result<Input, ConvertError> {
         Ok(Kind::KeptReadings) => Err(unknown("it holds the readings that a map is made of".into())),
         Ok(Kind::MobileSimWorld | Kind::Toml) => Err(unknown("it is a world or settings".into())),
         Err(LogError::UnknownFormat { begins, .. }) => Err(unknown(format!("it begins with \"{begins}\""))),
+        Err(LogError::NotAFile { path }) => {
+            Err(unknown(open_regular(&path).map_or_else(|no| no.to_string(), |_| "it is no regular file".into())))
+        }
         Err(error) => Err(error.into()),
     }
 }

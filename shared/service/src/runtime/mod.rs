@@ -1,5 +1,5 @@
-//! A service's ends of the graph, in four parts: its [`ports`], its [`vitals`], its [`memory`], and the loop of its life
-//! ([`crate::life`]) that they serve.
+//! A service's ends of the graph, in four parts: its `ports`, its `vitals`, its `memory`, and the loop of its life
+//! (`crate::life`) that they serve.
 
 mod ends;
 mod memory;
