@@ -39,8 +39,7 @@ fn the_readings_of_a_cell_come_to_what_the_map_says() {
             .flat_map(|(index, tile)| tile.log_odds.iter().enumerate().map(move |(at, value)| (index, at, *value)))
             .filter(|(_, _, value)| !value.is_nan())
             .map(|(index, at, value)| {
-                let first = index.first_cell();
-                let (i, j) = (first.i + (at % 64) as i32, first.j + (at / 64) as i32);
+                let (i, j) = (index.first_cell().i + (at % 64) as i32, index.first_cell().j + (at / 64) as i32);
                 (value, map.grid.centre(echogrid_core::CellIndex { i, j }))
             })
             .collect();
@@ -52,8 +51,8 @@ fn the_readings_of_a_cell_come_to_what_the_map_says() {
             assert_eq!(number(&answer["log_odds"]) as f32, log_odds);
             let readings = answer["readings"].as_array().unwrap();
             let added: f64 = readings.iter().map(|reading| number(&reading["added"])).sum();
-            let driven = number(&answer["driven_added"]);
-            assert!((added + driven - f64::from(log_odds)).abs() < 1e-4, "{fusion}: {added} {driven} {log_odds}");
+            let all = added + number(&answer["driven_added"]);
+            assert!((all - f64::from(log_odds)).abs() < 1e-4, "{fusion}: {added} {all} {log_odds}");
             let by_sensor: f64 = answer["sensors"].as_array().unwrap().iter().map(|of| number(&of["added"])).sum();
             assert!((by_sensor - added).abs() < 1e-9);
             assert!(readings.is_sorted_by_key(|reading| reading["scan"].as_u64().unwrap()), "{answer}");
