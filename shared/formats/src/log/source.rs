@@ -29,6 +29,27 @@ impl<R: Read> Read for Tap<R> {
     }
 }
 
+/// A decoder that is not asked again once it met damage: the one for bzip2 panics then.
+struct UntilDamage<R> {
+    inner: R,
+    damage: Option<(io::ErrorKind, String)>,
+}
+
+impl<R: Read> Read for UntilDamage<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        if let Some((kind, text)) = &self.damage {
+            return Err(io::Error::new(*kind, text.clone()));
+        }
+        let read = self.inner.read(buffer);
+        if let Err(error) = &read
+            && is_damage(error)
+        {
+            self.damage = Some((error.kind(), error.to_string()));
+        }
+        read
+    }
+}
+
 type Stored<R> = BufReader<Chain<Cursor<Vec<u8>>, Tap<R>>>;
 
 /// A file's content, decompressed if its first bytes say how (whatever its name says).
@@ -37,7 +58,7 @@ pub(crate) struct Source<R: Read>(Content<R>);
 enum Content<R: Read> {
     Plain(Stored<R>),
     Gzip(Box<BufReader<MultiGzDecoder<Stored<R>>>>),
-    Bzip2(Box<BufReader<MultiBzDecoder<Stored<R>>>>),
+    Bzip2(Box<BufReader<UntilDamage<MultiBzDecoder<Stored<R>>>>>),
     Zstandard(Box<BufReader<Zstandard<Stored<R>>>>),
 }
 
@@ -58,7 +79,8 @@ impl<R: Read> Source<R> {
         Ok(Self(if gzip {
             Content::Gzip(Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiGzDecoder::new(stored))))
         } else if bzip2 {
-            Content::Bzip2(Box::new(BufReader::with_capacity(BUFFER_BYTES, MultiBzDecoder::new(stored))))
+            let decoder = UntilDamage { inner: MultiBzDecoder::new(stored), damage: None };
+            Content::Bzip2(Box::new(BufReader::with_capacity(BUFFER_BYTES, decoder)))
         } else if zstandard {
             Content::Zstandard(Box::new(BufReader::with_capacity(BUFFER_BYTES, Zstandard::new(stored))))
         } else {
@@ -76,7 +98,7 @@ impl<R: Read> Source<R> {
         let stored = match self.0 {
             Content::Plain(stored) => stored,
             Content::Gzip(decoded) => decoded.into_inner().into_inner(),
-            Content::Bzip2(decoded) => decoded.into_inner().into_inner(),
+            Content::Bzip2(decoded) => decoded.into_inner().inner.into_inner(),
             Content::Zstandard(decoded) => decoded.into_inner().into_inner(),
         };
         let (_, mut tap) = stored.into_inner().into_inner();
@@ -175,6 +197,23 @@ mod tests {
             let error = source.read_to_end(&mut Vec::new()).unwrap_err();
             assert!(source.is_compressed() && is_damage(&error), "{error}");
             assert_eq!(source.finish().unwrap().bytes, stored.len() as u64 / 2);
+        }
+    }
+
+    #[test]
+    fn damage_is_told_again_whoever_reads_on() {
+        for pack in [gzip, bzip2, zstandard] {
+            let stored = pack(&(0..200_u8).collect::<Vec<u8>>());
+            for at in 4..stored.len() {
+                let mut damaged = stored.clone();
+                damaged[at] ^= 0x55;
+                let Ok(mut source) = Source::new(damaged.as_slice()) else { continue };
+                let Err(error) = source.read_to_end(&mut Vec::new()) else { continue };
+                assert!(is_damage(&error), "{error}");
+                if matches!(source.0, Content::Bzip2(_)) {
+                    assert_eq!(source.read(&mut [0; 8]).unwrap_err().to_string(), error.to_string());
+                }
+            }
         }
     }
 }
