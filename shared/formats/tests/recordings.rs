@@ -352,4 +352,6 @@ fn contents_are_told_even_of_what_makes_no_map() {
     let contents = log::contents(&path).unwrap().unwrap();
     assert_eq!((contents.messages, contents.topics[0].datatype.as_str()), (1, "std_msgs/String"));
     assert!(log::survey(&path).unwrap_err().to_string().contains("no odometry in it"));
+    let nothing = log::survey(&folder.write(b"#ROSBAG V2.0\n")).unwrap_err().to_string();
+    assert!(nothing.ends_with("it holds no message"), "{nothing}");
 }

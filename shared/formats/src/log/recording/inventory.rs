@@ -88,8 +88,11 @@ impl Inventory {
             .map(|(name, topic)| (name.as_str(), topic))
     }
 
-    /// All topics, a line each.
+    /// All topics, a line each, as what follows "it holds".
     pub(crate) fn list(&self) -> String {
+        if self.topics.is_empty() {
+            return " no message".into();
+        }
         let width = self.topics.keys().map(|name| name.chars().count()).max().unwrap_or(0).min(60);
         let types = self.topics.values().map(|topic| topic.datatype.chars().count()).max().unwrap_or(0).min(60);
         let mut text = String::new();
