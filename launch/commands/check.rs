@@ -1,22 +1,22 @@
 //! `echogrid check`.
 
-use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::Result;
-use echogrid_topics::Topic;
+use echogrid_topics::Delivery;
 
-use crate::config::{Config, Exec, LoadRequest, Service, render};
+use crate::config::{Config, Exec, LoadRequest, render};
 use crate::supervisor::{consumers, onlookers, places};
 
 /// Prints the effective configuration, or the map of the graph.
 pub(super) fn run(request: &LoadRequest, map: bool) -> Result<()> {
     let loaded = Config::load(request)?;
-    super::print(&if map { graph(&loaded.config().services) } else { render(&loaded) })
+    super::print(&if map { graph(loaded.config()) } else { render(&loaded) })
 }
 
 /// Who reads what of whom, and in which order the services end.
-fn graph(services: &BTreeMap<String, Service>) -> String {
+fn graph(config: &Config) -> String {
+    let services = &config.services;
     let (readers, onlookers, places) = (consumers(services), onlookers(services), places(services));
     let mut order: Vec<_> = services.iter().filter_map(|(name, of)| Some((places.get(name)?, name, of))).collect();
     order.sort_by_key(|(place, name, of)| (place.rank, of.kind, *name));
@@ -29,8 +29,7 @@ fn graph(services: &BTreeMap<String, Service>) -> String {
         let orders = if orders.is_empty() { String::new() } else { format!("; takes orders: {}", orders.join(", ")) };
         let _ = writeln!(text, "{name} ({}, {}){orders}", service.kind, service.exec);
         for topic in &service.wiring.writes {
-            let delivery =
-                Topic::ALL.into_iter().find(|known| known.name() == topic).map_or("", |t| t.delivery().word());
+            let delivery = config.delivery(topic).map_or("", Delivery::word);
             let none = Vec::new();
             let read = readers.get(topic).unwrap_or(&none).iter().map(String::clone);
             let looked_on = onlookers.get(topic).unwrap_or(&none).iter().map(|name| format!("({name})"));
@@ -53,11 +52,11 @@ fn graph(services: &BTreeMap<String, Service>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::default_services;
+    use crate::config::{Config, default_services};
 
     #[test]
     fn the_map_of_the_graph_tells_who_reads_what_of_whom() {
-        let text = super::graph(&default_services(true));
+        let text = super::graph(&Config { services: default_services(true), ..Config::default() });
         for line in [
             "odometry (odometry, builtin:odometry); takes orders: fix\n  odometry/estimate     lossless   -> mapper, publisher\n",
             "  map/info              latest     -> nobody\n",

@@ -112,6 +112,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let graph = Graph {
         domain,
         services: &config.services,
+        topics: &config.topics,
         plan,
         log_filter: view.log_level.as_deref(),
         log_json: view.logs_json(),

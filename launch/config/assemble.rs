@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use echogrid_topics::{DeclaredTopic, Topic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
@@ -9,6 +10,7 @@ use toml::{Table, Value};
 use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
+use super::schema::TOPIC;
 use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind, default_services};
 use super::suggest;
 use super::wiring::Written;
@@ -54,6 +56,43 @@ fn section<T: Serialize + DeserializeOwned>(name: &str, defaults: &T, settings: 
         }
     }
     Value::Table(table).try_into().map_err(|error: toml::de::Error| failed(error.message().to_owned()))
+}
+
+/// `[topics]`: those that were declared.
+pub(crate) fn topics(settings: &[Setting], origins: &Origins) -> Result<BTreeMap<String, DeclaredTopic>, Vec<Problem>> {
+    let mut tables: BTreeMap<&str, (Table, &Origin)> = BTreeMap::new();
+    for setting in settings {
+        let [topics, name, key @ ..] = setting.path.as_slice() else { continue };
+        if topics == TOPIC.name {
+            let (table, _) = tables.entry(name).or_insert_with(|| (Table::new(), &setting.origin));
+            table.extend(key.first().map(|key| (key.clone(), setting.value.clone())));
+        }
+    }
+    let (mut topics, mut problems) = (BTreeMap::new(), Vec::new());
+    for (name, (table, named_at)) in tables {
+        let path = |key: &str| dotted(&[TOPIC.name, name, key]);
+        let mut add = |key: &str, value: Option<String>, message: String| {
+            let key = if key.is_empty() { dotted(&[TOPIC.name, name]) } else { path(key) };
+            let origin = Some(origins.get(&key).unwrap_or(named_at).clone());
+            problems.push(Problem { origin, key, value, message });
+        };
+        if Topic::ALL.iter().any(|known| known.name() == name) {
+            add("", None, "this is a topic of echogrid's own; a topic of yours needs another name".to_owned());
+        }
+        for key in ["type", "bytes"].into_iter().filter(|key| !table.contains_key(*key)) {
+            add(key, None, format!("missing; expected {}", TOPIC.key(key).map_or("", |key| key.expected)));
+        }
+        if let Some(text) = table.get("type").and_then(Value::as_str).filter(|text| !DeclaredTopic::is_type_name(text))
+        {
+            let expected = TOPIC.key("type").map_or("", |key| key.expected);
+            add("type", Some(format!("{text:?}")), format!("expected {expected}"));
+        }
+        match Value::Table(table).try_into::<DeclaredTopic>() {
+            Ok(topic) => drop(topics.insert(name.to_owned(), topic)),
+            Err(error) => add("", None, error.message().replace('\n', " ")),
+        }
+    }
+    if problems.is_empty() { Ok(topics) } else { Err(problems) }
 }
 
 /// A service as far as it was written.

@@ -155,6 +155,10 @@ fn load(
     problems.extend(ranges::problems(&config, &origins));
     // What is wrong with the graph may only follow from a key that was refused.
     if problems.is_empty() {
+        match assemble::topics(&settings, &origins) {
+            Ok(topics) => config.topics = topics,
+            Err(more) => problems.extend(more),
+        }
         match assemble::services(&settings, &origins, config.localizer.is_served()) {
             Ok(services) => {
                 config.services = services;

@@ -42,6 +42,7 @@ use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
 use echogrid_slam::SlamConfig;
+use echogrid_topics::{DeclaredTopic, Delivery, Topic};
 use serde::{Deserialize, Serialize};
 
 pub use interval::Interval;
@@ -65,6 +66,8 @@ pub struct Config {
     pub run: RunConfig,
     /// The processes, by name.
     pub services: BTreeMap<String, Service>,
+    /// Topics besides echogrid's own, by name.
+    pub topics: BTreeMap<String, DeclaredTopic>,
     /// What `builtin:replay` plays.
     pub replay: ReplayConfig,
     /// What `builtin:simulator` simulates.
@@ -95,6 +98,7 @@ impl Default for Config {
         Self {
             run: RunConfig::default(),
             services: default_services(false),
+            topics: BTreeMap::new(),
             replay: ReplayConfig::default(),
             simulator: SimulatorConfig::default(),
             pioneer: PioneerConfig::default(),
@@ -148,6 +152,19 @@ impl Config {
     /// It did not write this.
     pub fn from_toml(text: &str) -> Result<Self, toml::de::Error> {
         toml::from_str(text)
+    }
+
+    /// Names of all topics of the graph: echogrid's own, and those that the graph file declares.
+    pub fn topic_names(&self) -> impl Iterator<Item = &str> {
+        let own = Topic::ALL.into_iter().map(|topic| -> &str { topic.name() });
+        own.chain(self.topics.keys().map(String::as_str))
+    }
+
+    /// What the topic of this name promises, if there is one.
+    #[must_use]
+    pub fn delivery(&self, topic: &str) -> Option<Delivery> {
+        let own = Topic::ALL.into_iter().find(|known| known.name() == topic).map(Topic::delivery);
+        own.or_else(|| self.topics.get(topic).map(|declared| declared.delivery.into()))
     }
 
     /// Whether the sensor is the simulator.

@@ -5,7 +5,8 @@ use std::fmt::Write;
 use echogrid_core::{Robot, SensorKind};
 use toml::{Table, Value};
 
-use super::schema::{GRAPH, SERVICE, Section};
+use super::reading::dotted;
+use super::schema::{GRAPH, SERVICE, Section, TOPIC};
 use super::{Exec, Loaded, Wiring};
 
 /// Values up to this wide have their comments in one column.
@@ -25,6 +26,7 @@ pub fn render(loaded: &Loaded) -> String {
         if section.name == "run" {
             robot(&mut out, loaded.robot());
             services(&mut out, loaded);
+            topics(&mut out, loaded);
         }
     }
     out
@@ -45,6 +47,17 @@ fn services(out: &mut String, loaded: &Loaded) {
             table.retain(|key, _| !Wiring::KEYS.contains(&key));
         }
         keys(out, loaded, &SERVICE, &section, Some(&table));
+    }
+}
+
+fn topics(out: &mut String, loaded: &Loaded) {
+    let declared = loaded.table().get(TOPIC.name).and_then(Value::as_table).filter(|topics| !topics.is_empty());
+    let Some(declared) = declared else { return };
+    let _ = write!(out, "\n# {}\n", TOPIC.about);
+    for (name, topic) in declared {
+        let section = dotted(&[TOPIC.name, name]);
+        let _ = write!(out, "\n[{section}]\n");
+        keys(out, loaded, &TOPIC, &section, topic.as_table());
     }
 }
 

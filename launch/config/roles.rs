@@ -118,8 +118,8 @@ fn wiring_problems(config: &Config, name: &str, service: &Service, origins: &Ori
         for (index, topic) in topics.iter().enumerate() {
             if topics[..index].contains(topic) {
                 add(key, topic, "this is said twice".to_owned());
-            } else if !Topic::ALL.iter().any(|known| known.name() == topic) {
-                let known = Topic::ALL.map(Topic::name).join(", ");
+            } else if !config.topic_names().any(|known| known == topic) {
+                let known = config.topic_names().collect::<Vec<_>>().join(", ");
                 add(key, topic, format!("there is no such topic; expected one of {known}"));
             }
         }

@@ -82,7 +82,7 @@ fn bad_graph_files() {
     check(
         "[sonar]",
         &[
-            "sonar: unknown key; known are run, replay, simulator, pioneer, odometry, slam, localization, localizer, mapper, publisher, supervision, services",
+            "sonar: unknown key; known are run, replay, simulator, pioneer, odometry, slam, localization, localizer, mapper, publisher, supervision, services, topics",
         ],
     );
     check("[robot]", &["a robot is named by `run.robot`"]);
@@ -92,6 +92,25 @@ fn bad_graph_files() {
     check(
         "[services.\"a b\"]\nkind = \"sensor\"",
         &["services.\"a b\": the name of a service is 1 to 20 of a-z, 0-9 and -"],
+    );
+    // Topics of one's own.
+    check(
+        "[topics.Goal]\nbytes = 8",
+        &["topics.Goal: the name of a topic is at most 64 of a-z, 0-9, -, _ with / between"],
+    );
+    check("[topics.goal]\nbytes = 0", &["g.toml:2: topics.goal.bytes = 0: expected a whole number from 1 to 1048576"]);
+    check("[topics.goal]\nbytes = 8", &["g.toml:1: topics.goal.type: missing; expected 1 to 64 printable characters"]);
+    check(
+        "[topics.goal]\ntype = \"a b\"\nbytes = 8",
+        &["g.toml:2: topics.goal.type = \"a b\": expected 1 to 64 printable"],
+    );
+    check(
+        "[topics.goal]\ntype = \"a\"\nbytes = 8\ndelivery = \"lossless\"",
+        &["topics.goal.delivery = \"lossless\": expected latest or droppable"],
+    );
+    check(
+        "[topics.\"map/info\"]\ntype = \"a\"\nbytes = 8",
+        &["topics.\"map/info\": this is a topic of echogrid's own; a topic of yours needs another name"],
     );
     // Types and units.
     check(

@@ -1,6 +1,7 @@
 //! The launcher's ends of the graph, which is its own.
 
 use anyhow::Result;
+use echogrid_topics::owner::Needs;
 use echogrid_topics::{Health, Input, MapInfo, Output, Owner, TrueWorld};
 
 use super::run::Graph;
@@ -19,8 +20,7 @@ pub(super) struct Ports {
 
 impl Ports {
     pub(super) fn create(graph: &mut Graph<'_>) -> Result<Self> {
-        let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
-        let owner = Owner::create(graph.domain.clone(), graph.plan.max_readings, &names)?;
+        let owner = Owner::create(graph.domain.clone(), needs(graph, &names(graph)))?;
         if graph.plan.state.is_none() {
             graph.plan.state = Some(owner.state_dir()?);
         }
@@ -37,8 +37,7 @@ impl Ports {
 
     /// All of it made anew. No process may be in it.
     pub(super) fn renew(&mut self, graph: &Graph<'_>) -> Result<()> {
-        let names: Vec<&str> = graph.services.keys().map(String::as_str).collect();
-        self.owner.renew(graph.plan.max_readings, &names)?;
+        self.owner.renew(needs(graph, &names(graph)))?;
         graph.plan.write(self.owner.domain())?;
         let participant = self.owner.participant();
         let word = Output::typed(participant, graph.plan.max_readings, graph.plan.epoch, &[])?;
@@ -51,4 +50,12 @@ impl Ports {
         ));
         Ok(())
     }
+}
+
+fn names<'a>(graph: &Graph<'a>) -> Vec<&'a str> {
+    graph.services.keys().map(String::as_str).collect()
+}
+
+fn needs<'a>(graph: &Graph<'a>, services: &'a [&'a str]) -> Needs<'a> {
+    Needs { max_readings: graph.plan.max_readings, services, declared: graph.topics }
 }

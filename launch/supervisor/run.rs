@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use echogrid_service::Plan;
-use echogrid_topics::{Domain, Health, MapInfo, TrueWorld};
+use echogrid_topics::{DeclaredTopic, Domain, Health, MapInfo, TrueWorld};
 
 use crate::config::{Service, SupervisionConfig};
 
@@ -16,6 +16,8 @@ pub struct Graph<'a> {
     pub domain: Domain,
     /// The processes.
     pub services: &'a BTreeMap<String, Service>,
+    /// The topics that they have besides echogrid's own, by name.
+    pub topics: &'a BTreeMap<String, DeclaredTopic>,
     /// What they are told.
     pub plan: Plan,
     /// What they log (`ECHOGRID_LOG`); none: as the environment says.

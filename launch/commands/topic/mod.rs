@@ -8,7 +8,7 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use echogrid_topics::{Received, Topic};
+use echogrid_topics::{Delivery, Received, Topic};
 use reader::{Next, Reader};
 use serde_json::{Value, json};
 
@@ -37,21 +37,23 @@ fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
     let readers = crate::supervisor::consumers(&config.services);
     let writers = crate::supervisor::writers(&config.services);
     let onlookers = crate::supervisor::onlookers(&config.services);
-    let topics = Topic::ALL.map(|topic| {
-        let of = |names: &BTreeMap<String, Vec<String>>| names.get(topic.name()).cloned().unwrap_or_default();
+    let topics = config.topic_names().map(|topic| {
+        let of = |names: &BTreeMap<String, Vec<String>>| names.get(topic).cloned().unwrap_or_default();
         let readers = [of(&readers), of(&onlookers)].concat();
-        (topic.name(), topic.delivery().word(), of(&writers), readers)
+        (topic, config.delivery(topic).map_or("", Delivery::word), of(&writers), readers)
     });
     if as_json {
-        let topics = topics.map(|(name, delivery, writers, readers)| {
-            json!({ "topic": name, "delivery": delivery, "writers": writers, "readers": readers })
-        });
+        let topics: Vec<Value> = topics
+            .map(|(name, delivery, writers, readers)| {
+                json!({ "topic": name, "delivery": delivery, "writers": writers, "readers": readers })
+            })
+            .collect();
         return super::print(&(serde_json::to_string_pretty(&topics)? + "\n"));
     }
     let lines = topics.map(|(name, delivery, writers, readers)| {
         format!("{name:<21} {delivery:<10} {} → {}\n", writers.join(", "), readers.join(", "))
     });
-    super::print(&lines.concat())
+    super::print(&lines.collect::<String>())
 }
 
 /// Prints messages until the stream or the graph ends, or there were enough.

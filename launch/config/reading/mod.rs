@@ -4,11 +4,12 @@ mod robot;
 
 use std::ops::Range;
 
+use echogrid_topics::DeclaredTopic;
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
 use super::problem::{Origin, Problem};
-use super::schema::{self, GRAPH, SERVICE, Section};
+use super::schema::{self, GRAPH, SERVICE, Section, TOPIC};
 use super::source::{Source, TEXT_BYTES_MAX};
 use super::suggest;
 use super::value;
@@ -16,7 +17,7 @@ use super::value;
 /// Problems beyond are not told: they follow from the first.
 const PROBLEMS_MAX: usize = 20;
 
-/// One key that was set; also one for each service, with an empty table: that it was named.
+/// One key that was set; also one for each service and each topic, with an empty table: that it was named.
 #[derive(Debug, Clone)]
 pub(crate) struct Setting {
     pub(crate) path: Vec<String>,
@@ -88,11 +89,21 @@ impl Reader<'_> {
         for (name, value) in table {
             let path = [name.get_ref().as_ref()];
             if path[0] == SERVICE.name {
-                self.each_table(&path, value, |reader, path, table| reader.section(&SERVICE, path, table));
+                let named = (
+                    "the name of a service is 1 to 20 of a-z, 0-9 and -",
+                    super::run::is_short_name as fn(&str) -> bool,
+                );
+                self.each_table(&path, value, named, |reader, path, table| reader.section(&SERVICE, path, table));
+            } else if path[0] == TOPIC.name {
+                let named = (
+                    "the name of a topic is at most 64 of a-z, 0-9, -, _ with / between its parts, and does not begin with control/",
+                    DeclaredTopic::is_name as fn(&str) -> bool,
+                );
+                self.each_table(&path, value, named, |reader, path, table| reader.section(&TOPIC, path, table));
             } else if let Some(section) = GRAPH.iter().find(|section| section.name == path[0]) {
                 self.one_table(&path, value, |reader, path, table| reader.section(section, path, table));
             } else {
-                let sections = GRAPH.iter().map(|section| section.name).chain([SERVICE.name]);
+                let sections = GRAPH.iter().map(|section| section.name).chain([SERVICE.name, TOPIC.name]);
                 let hint = match path[0] {
                     "robot" => "a robot is named by `run.robot` and described in a file of its own".to_owned(),
                     _ => stray(path[0], &sections.collect::<Vec<_>>(), None),
@@ -121,19 +132,19 @@ impl Reader<'_> {
         &mut self,
         path: &[&str],
         value: &toml::Spanned<DeValue<'_>>,
+        (expected, is_name): (&str, fn(&str) -> bool),
         mut read: impl FnMut(&mut Self, &[&str], &DeTable<'_>),
     ) {
         self.one_table(path, value, |reader, path, table| {
             for (name, value) in table {
                 let path = [path[0], name.get_ref().as_ref()];
-                if super::run::is_short_name(path[1]) {
+                if is_name(path[1]) {
                     let origin = reader.source.origin(&name.span());
                     let setting = Setting { path: path.map(str::to_owned).into(), value: Table::new().into(), origin };
                     reader.found.settings.push(setting);
                     reader.one_table(&path, value, &mut read);
                 } else {
-                    let message = "the name of a service is 1 to 20 of a-z, 0-9 and -".to_owned();
-                    reader.problem(&path, &name.span(), None, message);
+                    reader.problem(&path, &name.span(), None, expected.to_owned());
                 }
             }
         });
@@ -215,9 +226,9 @@ impl Reader<'_> {
 /// What to do with a key that is not known here.
 fn stray(name: &str, known: &[&str], section: Option<&Section>) -> String {
     let elsewhere = || {
-        let other = GRAPH.iter().copied().chain([&SERVICE]).find(|other| other.key(name).is_some())?;
-        let table = if other.name == SERVICE.name { "services.NAME" } else { other.name };
-        Some(format!("it belongs to [{table}]"))
+        let other = GRAPH.iter().copied().chain([&SERVICE, &TOPIC]).find(|other| other.key(name).is_some())?;
+        let many = if [SERVICE.name, TOPIC.name].contains(&other.name) { ".NAME" } else { "" };
+        Some(format!("it belongs to [{}{many}]", other.name))
     };
     elsewhere().or_else(|| suggest::key(name, known)).unwrap_or_else(|| match section {
         Some(section) => format!("[{}] has {}", section.name, known.join(", ")),

@@ -10,6 +10,7 @@ use echogrid_publisher::config::PublisherConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
 use echogrid_slam::SlamConfig;
+use echogrid_topics::DeclaredTopic;
 use serde::{Deserialize, Serialize};
 
 use super::super::robot::FILE_ENDING;
@@ -638,6 +639,29 @@ pub(crate) static SERVICE: Section = Section {
     ],
     probe: probe::<AsWritten>,
     defaults: defaults::<AsWritten>,
+};
+
+/// `[topics.<name>]`.
+pub(crate) static TOPIC: Section = Section {
+    name: "topics",
+    about: "topics of your own, which services read and write besides echogrid's",
+    keys: &[
+        text(
+            "type",
+            Text::Plain,
+            "1 to 64 printable characters without a space, as in \"acme/Goal/1\"",
+            "the name of the payload's type, version included: who opens the topic must name the same",
+        ),
+        number("bytes", "a whole number from 1 to 1048576", 1.0..=1_048_576.0, "the size of the payload, bytes"),
+        words(
+            "delivery",
+            &["latest", "droppable"],
+            "latest or droppable",
+            "latest: the newest message counts, and a late joiner gets it; droppable: who does not keep up misses some",
+        ),
+    ],
+    probe: probe::<DeclaredTopic>,
+    defaults: defaults::<DeclaredTopic>,
 };
 
 /// A service before what it leaves out is filled in.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE, SIMULATOR};
+pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE, SIMULATOR, TOPIC};
 pub(crate) use robot::{FOOTPRINT, LIDAR, ROBOT, SONAR, SONARS};
 
 /// A table of a file.
@@ -107,6 +107,7 @@ pub(crate) fn at(path: &[impl AsRef<str>]) -> Option<&'static Key> {
     match path {
         [section, key] => GRAPH.iter().find(|s| s.name == section.as_ref())?.key(key.as_ref()),
         [services, _, key] if services.as_ref() == SERVICE.name => SERVICE.key(key.as_ref()),
+        [topics, _, key] if topics.as_ref() == TOPIC.name => TOPIC.key(key.as_ref()),
         [services, _, env, _] if services.as_ref() == SERVICE.name && env.as_ref() == "env" => Some(&VARIABLE),
         _ => None,
     }
@@ -135,7 +136,7 @@ mod tests {
 
     #[test]
     fn every_word_is_taken_and_no_other() {
-        for section in GRAPH.iter().copied().chain([&SERVICE, &ROBOT, &FOOTPRINT, &SONARS, &SONAR, &LIDAR]) {
+        for section in GRAPH.iter().copied().chain([&SERVICE, &TOPIC, &ROBOT, &FOOTPRINT, &SONARS, &SONAR, &LIDAR]) {
             for key in section.keys.iter().filter(|key| !key.words.is_empty()) {
                 let value = |word: &str| match (section.defaults)().get(key.name) {
                     Some(Value::Array(_)) => Value::Array(vec![Value::from(word)]),

@@ -268,5 +268,5 @@ fn name(service: &str) -> Result<ServiceName, TopicError> {
 }
 
 fn failed(what: &'static str, reason: impl ToString) -> TopicError {
-    TopicError::Topic { topic: "control", what, reason: reason.to_string() }
+    crate::participant::failed("control", what, reason.to_string())
 }

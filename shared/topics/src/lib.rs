@@ -4,6 +4,7 @@
 mod content;
 pub mod contract;
 pub mod control;
+pub mod declared;
 pub mod domain;
 pub mod janitor;
 pub mod memory;
@@ -24,6 +25,7 @@ pub use contract::{
     ServiceState, TileUpdate, Topic, TruePose, TrueWorld,
 };
 pub use control::{Command, ControlServer};
+pub use declared::{DeclaredDelivery, DeclaredInput, DeclaredOutput, DeclaredTopic};
 pub use domain::{Claim, Domain, DomainError};
 pub use owner::Owner;
 pub use participant::{Participant, TopicError};

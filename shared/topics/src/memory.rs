@@ -168,7 +168,7 @@ impl State {
 }
 
 fn dead(topic: Topic) -> TopicError {
-    TopicError::Topic { topic: topic.name(), what: "using it", reason: "the process is dead".into() }
+    crate::participant::failed(topic, "using it", "the process is dead")
 }
 
 #[derive(Debug)]

@@ -48,7 +48,7 @@ pub enum TopicError {
     #[error("topic {topic}: {what}: {reason}")]
     Topic {
         /// The topic.
-        topic: &'static str,
+        topic: String,
         /// What was tried.
         what: &'static str,
         /// What iceoryx2 said.
@@ -58,7 +58,7 @@ pub enum TopicError {
     #[error("topic {topic}: this program speaks {mine}, the graph another version or type: {reason}")]
     Version {
         /// The topic.
-        topic: &'static str,
+        topic: String,
         /// Our message type.
         mine: &'static str,
         /// What iceoryx2 said.
@@ -91,21 +91,26 @@ impl Participant {
 
     pub(crate) fn sized<W: Wire>(&self, topic: Topic) -> Result<Sized<W>, TopicError> {
         open(topic, W::SCHEMA, || {
-            let builder = self.node.service_builder(&service_name(topic)?).publish_subscribe::<W>();
+            let builder = self.node.service_builder(&service_name(topic.name())?).publish_subscribe::<W>();
             Ok(builder.user_header::<Header>().open_with_attributes(&verifier(W::SCHEMA)?))
         })
     }
 
     pub(crate) fn slice<W: Wire>(&self, topic: Topic) -> Result<Slice<W>, TopicError> {
         open(topic, W::SCHEMA, || {
-            let builder = self.node.service_builder(&service_name(topic)?).publish_subscribe::<[W]>();
+            let builder = self.node.service_builder(&service_name(topic.name())?).publish_subscribe::<[W]>();
             Ok(builder.user_header::<Header>().open_with_attributes(&verifier(W::SCHEMA)?))
         })
     }
 
     pub(crate) fn bell(&self, topic: Topic) -> Result<Bell, TopicError> {
-        let failed = |reason| TopicError::Topic { topic: topic.name(), what: "opening its event", reason };
-        self.node.service_builder(&service_name(topic)?).event().open().map_err(|e| failed(e.to_string()))
+        self.bell_of(topic.name())
+    }
+
+    /// The event of the topic of this name.
+    pub(crate) fn bell_of(&self, topic: &str) -> Result<Bell, TopicError> {
+        let builder = self.node.service_builder(&service_name(topic)?);
+        builder.event().open().map_err(|e| failed(topic, "opening its event", e))
     }
 }
 
@@ -131,19 +136,15 @@ pub(crate) fn path_bytes(path: &StdPath) -> &[u8] {
     path.as_os_str().as_bytes()
 }
 
-pub(crate) fn service_name(topic: Topic) -> Result<ServiceName, TopicError> {
-    ServiceName::new(topic.name()).map_err(|e| TopicError::Topic {
-        topic: topic.name(),
-        what: "naming it",
-        reason: format!("{e:?}"),
-    })
+pub(crate) fn service_name(topic: &str) -> Result<ServiceName, TopicError> {
+    ServiceName::new(topic).map_err(|e| failed(topic, "naming it", format!("{e:?}")))
 }
 
 pub(crate) fn attribute_failed(e: impl core::fmt::Debug) -> TopicError {
-    TopicError::Topic { topic: "schema", what: "setting the attribute", reason: format!("{e:?}") }
+    failed("schema", "setting the attribute", format!("{e:?}"))
 }
 
-fn verifier(schema: &str) -> Result<AttributeVerifier, TopicError> {
+pub(crate) fn verifier(schema: &str) -> Result<AttributeVerifier, TopicError> {
     let key = "schema".try_into().map_err(attribute_failed)?;
     let value = schema.try_into().map_err(attribute_failed)?;
     AttributeVerifier::new().require(&key, &value).map_err(attribute_failed)
@@ -162,7 +163,7 @@ fn open<F>(
             Ok(factory) => return Ok(factory),
             Err(E::IncompatibleTypes | E::IncompatibleAttributes) => {
                 return Err(TopicError::Version {
-                    topic: topic.name(),
+                    topic: topic.name().into(),
                     mine,
                     reason: "incompatible message type".into(),
                 });
@@ -171,11 +172,11 @@ fn open<F>(
                 // iceoryx2 offers nothing to wait on for a service that does not exist yet.
                 std::thread::sleep(Duration::from_millis(5));
             }
-            Err(e) => return Err(TopicError::Topic { topic: topic.name(), what: "opening it", reason: e.to_string() }),
+            Err(e) => return Err(failed(topic, "opening it", e)),
         }
     }
 }
 
-pub(crate) fn failed(topic: Topic, what: &'static str, reason: impl ToString) -> TopicError {
-    TopicError::Topic { topic: topic.name(), what, reason: reason.to_string() }
+pub(crate) fn failed(topic: impl AsRef<str>, what: &'static str, reason: impl ToString) -> TopicError {
+    TopicError::Topic { topic: topic.as_ref().to_owned(), what, reason: reason.to_string() }
 }

@@ -376,7 +376,7 @@ impl<M> Input<M> {
 }
 
 /// Differs between any two lives of any producers on this machine.
-fn new_epoch() -> u64 {
+pub(crate) fn new_epoch() -> u64 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     // Never 0, which means "no message yet".
     (since.as_nanos() as u64) | 1

@@ -80,7 +80,7 @@ macro_rules! create {
         let value = $schema.try_into().map_err(attribute_failed)?;
         let attributes = AttributeSpecifier::new().define(&key, &value).map_err(attribute_failed)?;
         let factory = $node
-            .service_builder(&service_name($topic)?)
+            .service_builder(&service_name($topic.name())?)
             .publish_subscribe::<$payload>()
             .user_header::<Header>()
             .max_nodes(MAX_NODES)

@@ -1,6 +1,6 @@
 //! Services that play no role: what they read and write is what the graph file says.
 
-use echogrid_harness::fault::{Mode, READS_VARIABLE};
+use echogrid_harness::fault::{Mode, READS_VARIABLE, halt};
 
 use super::graph_file::{GraphFile, IMPATIENT, NOTHING};
 use crate::support::Drive;
@@ -54,4 +54,27 @@ fn a_publisher_that_reads_less_than_it_is_waited_for_is_named_and_nobody_else_is
     let ended = file.start(&IMPATIENT).wait();
     assert!(ended.status.success(), "{}", ended.stderr);
     assert_eq!(file.map_bytes(), reference(&drive));
+}
+
+/// A robot that drives until whoever reads its map has seen enough: without the declared topic it would drive for ever.
+#[test]
+fn a_loop_over_a_declared_topic_runs_to_its_end_and_is_stopped_in_order() {
+    let drive = Drive::new(0.5);
+    let file = GraphFile::new(&drive, "loop")
+        .with(halt::DECLARATION)
+        .fault("sensor", "sensor", Mode::WalksUntilTold, 0, &format!("reads = [{:?}]", halt::TOPIC))
+        .fault(
+            "planner",
+            "other",
+            Mode::TellsToHalt,
+            20,
+            &format!("reads = [\"map/info\"]\nwrites = [{:?}]", halt::TOPIC),
+        )
+        .fault("viewer", "other", Mode::Good, 0, "looks_on = [\"map/tiles\"]");
+    let ended = file.start(&["run.rate=20"]).wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!((ended.restarts(), ended.leftovers()), (0, NOTHING), "{}", ended.stderr);
+    assert!(ended.summary()["scans"].as_u64().is_some_and(|scans| scans >= 20), "{}", ended.stdout);
+    let at = |name: &str| ended.stderr.find(&format!("{name} ended")).unwrap_or_else(|| panic!("{}", ended.stderr));
+    assert!(at("publisher") < at("planner") && at("sensor") < at("planner"), "{}", ended.stderr);
 }

@@ -11,6 +11,7 @@
 //! corridor ([`walk`]); a reader takes in what it is to read, and makes nothing of it.
 
 mod flood;
+pub mod halt;
 mod mode;
 mod reader;
 mod strangers;
@@ -61,6 +62,7 @@ fn run(arguments: &[String]) -> Result<ExitCode> {
         Mode::Silent => flood::silent(),
         Mode::Flooding => flood::flood(after, 0),
         Mode::WrongEpoch => flood::flood(after, 1),
+        Mode::TellsToHalt => Ok(halt::tell(inputs()?, after)),
         _ => {
             let inputs = inputs()?;
             Ok(if inputs.is_empty() { walk::run(mode, after) } else { reader::run(inputs, mode, after) })

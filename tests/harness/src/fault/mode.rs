@@ -33,6 +33,10 @@ pub enum Mode {
     Slow,
     /// A reader that works for five seconds at one message, and says nothing meanwhile.
     Toiling,
+    /// A sensor that walks until it is told to halt, on the topic [`super::halt::TOPIC`] of the graph file.
+    WalksUntilTold,
+    /// A reader of `map/info` that says so when it has heard of as many scans as it is told.
+    TellsToHalt,
     /// No service of the graph: writes garbage into the topic that it is told.
     GarbageOn,
     /// No service of the graph: reads the topic that it is told, a message every 50 ms.
@@ -41,7 +45,7 @@ pub enum Mode {
 
 impl Mode {
     /// All of them.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 17] = [
         Self::Good,
         Self::AlwaysCrash,
         Self::CrashLate,
@@ -55,6 +59,8 @@ impl Mode {
         Self::Garbage,
         Self::Slow,
         Self::Toiling,
+        Self::WalksUntilTold,
+        Self::TellsToHalt,
         Self::GarbageOn,
         Self::SlowReader,
     ];
@@ -76,6 +82,8 @@ impl Mode {
             Self::Garbage => "garbage",
             Self::Slow => "slow",
             Self::Toiling => "toiling",
+            Self::WalksUntilTold => "walks-until-told",
+            Self::TellsToHalt => "tells-to-halt",
             Self::GarbageOn => "garbage-on",
             Self::SlowReader => "slow-reader",
         }

@@ -12,6 +12,7 @@ use echogrid_core::{Echo, Footprint, Pose2, Reading, Robot, Sensor as Sonar, Sen
 use echogrid_service::{Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic};
 
+use super::halt::Ear;
 use super::{Mode, WORLD_VARIABLE, go_deaf, strike};
 
 /// Steps of the walk.
@@ -79,6 +80,8 @@ struct Walk {
     outbox: VecDeque<(u64, Message)>,
     /// Holds the number of the step, whoever lives; none: every life begins at the first.
     world: Option<PathBuf>,
+    /// Tells when to halt; none: after [`STEPS`].
+    ear: Option<Ear>,
 }
 
 impl Sensor for Walk {
@@ -95,7 +98,11 @@ impl Sensor for Walk {
         if self.given >= self.after && (self.world.is_none() || self.outbox.is_empty()) {
             strike(self.mode);
         }
-        if self.outbox.is_empty() && self.step < STEPS {
+        let goes_on = match &mut self.ear {
+            Some(ear) => !ear.was_told()?,
+            None => self.step < STEPS,
+        };
+        if self.outbox.is_empty() && goes_on {
             self.step += 1;
             if let Some(world) = &self.world {
                 fs::write(world, self.step.to_string()).with_context(|| world.display().to_string())?;
@@ -111,13 +118,15 @@ impl Sensor for Walk {
 }
 
 pub(super) fn run(mode: Mode, after: u64) -> ExitCode {
-    process::run_sensor("fault", OUTPUTS, |_plan| {
+    process::run_sensor("fault", OUTPUTS, |plan| {
         if mode == Mode::IgnoresSigterm {
             go_deaf();
         }
         let world = if mode == Mode::Live { Some(world()?) } else { None };
         let step = world.as_deref().map_or(Ok(0), steps_done)?;
-        Ok(Walk { mode, after, given: 0, step, outbox: VecDeque::from([(0, Message::Robot(robot()))]), world })
+        let ear = (mode == Mode::WalksUntilTold).then(|| Ear::open(plan)).transpose()?;
+        let outbox = VecDeque::from([(0, Message::Robot(robot()))]);
+        Ok(Walk { mode, after, given: 0, step, outbox, world, ear })
     })
 }
 
