@@ -5,50 +5,35 @@
 //! named in `docs/` ("Probabilistic Mapping by Fusion of Range-Finders Sensors and Odometry").
 //! Units are SI, angles counter-clockwise in (-π, π].
 
-pub mod angle;
 pub mod calibration;
-pub mod chunks;
 pub mod config;
-mod doubt;
-mod driven;
 mod filter;
-pub mod first_echo;
 mod fusion;
-pub mod gate;
+mod geometry;
 pub mod grid;
-pub mod incidents;
-pub mod joint;
-mod kalman;
-pub mod kept;
 pub mod kernel;
 pub mod landmarks;
-pub mod leap;
 pub mod localization;
-pub mod log_odds;
 pub mod mapping;
-pub mod noise;
-pub mod novelty;
 pub mod odometry;
-pub mod oriented;
-pub mod parts;
-pub mod placing;
-pub mod pose;
 pub mod quality;
-pub mod raster;
-pub mod reading;
-pub mod remap;
-pub mod robot;
-mod semi_inverse;
-pub mod sensor_model;
-pub mod shares;
-pub mod sideways;
-pub mod smoothing;
-mod sonar_maps;
-pub mod summary;
-pub mod verdict;
+mod sensor;
+mod state;
 pub mod walls;
-pub mod why;
 pub mod world;
+
+// Modules are named without their room.
+pub use fusion::{first_echo, oriented, shares};
+pub(crate) use geometry::semi_inverse;
+pub use geometry::{angle, pose};
+pub use grid::{log_odds, raster, summary};
+pub(crate) use localization::kalman;
+pub use localization::{gate, placing};
+pub(crate) use mapping::{doubt, driven, sonar_maps};
+pub use mapping::{kept, remap, why};
+pub use odometry::{incidents, joint, leap, sideways, smoothing};
+pub use sensor::{noise, novelty, reading, robot, sensor_model, verdict};
+pub use state::{chunks, parts};
 
 pub use angle::wrap_angle;
 pub use calibration::{Calibration, CalibrationError, Trial};

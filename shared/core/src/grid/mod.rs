@@ -4,7 +4,10 @@
 //! of its own: a cell that no reading touched is NaN, never 0 (which is evidence that cancelled).
 
 mod changes;
+pub mod log_odds;
 mod plane;
+pub mod raster;
+pub mod summary;
 mod tile;
 
 use std::collections::BTreeMap;

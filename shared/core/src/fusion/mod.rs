@@ -1,5 +1,9 @@
 //! What a reading makes of the cells of its cone: the rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
+pub mod first_echo;
+pub mod oriented;
+pub mod shares;
+
 use crate::config::{Fusion, MapperConfig, Noise};
 use crate::filter::Channel;
 use crate::first_echo::FirstEcho;

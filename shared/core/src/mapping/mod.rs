@@ -1,7 +1,13 @@
 //! Algorithm 1 of the paper: occupancy grid mapping.
 
+pub(crate) mod doubt;
+pub(crate) mod driven;
+pub mod kept;
 mod recorders;
+pub mod remap;
 mod saving;
+pub(crate) mod sonar_maps;
+pub mod why;
 
 use crate::config::{ConfigError, MapperConfig, Noise, OdometryConfig};
 use crate::driven::Driven;

@@ -4,13 +4,19 @@
 //! [`Increment`]; the [`Odometry`] adds the increments up into an [`Estimate`] of where the robot is
 //! in the map and how much doubt has gathered since it last knew.
 
+pub mod incidents;
+pub mod joint;
+pub mod leap;
+pub mod sideways;
+pub mod smoothing;
+
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
 use crate::config::{OdometryConfig, Poses, Systematic};
 use crate::gate::{Doubted, Gate, UNCALIBRATED};
-use crate::joint::{self, JointCovariance, Scales};
+use crate::joint::{JointCovariance, Scales};
 use crate::kalman::Innovation;
 use crate::leap::Leap;
 use crate::localization::{Fix, FixError};

@@ -1,5 +1,9 @@
 //! Absolute localization: when to ask for it (the paper's section 4.1, Fig. 9), and what comes back.
 
+pub mod gate;
+pub(crate) mod kalman;
+pub mod placing;
+
 use core::fmt::Display;
 
 use nalgebra::Matrix3;

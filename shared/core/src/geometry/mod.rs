@@ -1,0 +1,5 @@
+//! Poses and angles in the plane.
+
+pub mod angle;
+pub mod pose;
+pub(crate) mod semi_inverse;
