@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use echogrid_core::localization::{Fix, FixError};
+use echogrid_core::fix::{Fix, FixError};
 use echogrid_core::odometry::Contradiction;
 use echogrid_core::{Estimate, Gate, Leap, Odometry, Pose2};
 use serde::{Deserialize, Serialize};

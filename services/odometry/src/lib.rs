@@ -7,7 +7,8 @@ mod nominal;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use echogrid_core::localization::{Ask, Asking, Choice, Fix, Reason};
+use echogrid_core::Fix;
+use echogrid_core::localization::{Ask, Asking, Choice, Reason};
 use echogrid_core::odometry::Contradiction;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{

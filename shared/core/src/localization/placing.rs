@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
-use crate::localization::Fix;
+use crate::odometry::fix::Fix;
 use crate::pose::Pose2;
 
 /// Two positions tell a heading when they are this far apart, metres …

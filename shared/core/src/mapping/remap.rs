@@ -223,8 +223,8 @@ mod tests {
     use crate::config::{Fusion, MapperConfig, Noise, OdometryConfig};
     use crate::gate::Gate;
     use crate::grid::{Plane, Tile, TileIndex};
-    use crate::localization::Fix;
     use crate::odometry::Odometry;
+    use crate::odometry::fix::Fix;
     use crate::pose::Pose2;
     use crate::reading::{Echo, Reading};
     use crate::robot::{Robot, Sensor, SensorKind};

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use crate::config::{OdometryConfig, Systematic};
-use crate::odometry::Increment;
+use crate::odometry::increment::Increment;
 use crate::pose::Pose2;
 
 /// Covariance of (x, y, θ, scale of translation, scale of rotation); m, rad, 1.

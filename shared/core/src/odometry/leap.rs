@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use crate::odometry::Increment;
+use crate::odometry::increment::Increment;
 use crate::pose::Pose2;
 
 /// Steps that the drive is known by.

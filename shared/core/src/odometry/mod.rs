@@ -4,224 +4,31 @@
 //! [`Increment`]; the [`Odometry`] adds the increments up into an [`Estimate`] of where the robot is
 //! in the map and how much doubt has gathered since it last knew.
 
+mod error_model;
+mod estimate;
+pub mod fix;
+pub mod gate;
 pub mod incidents;
+mod increment;
 pub mod joint;
+pub(crate) mod kalman;
 pub mod leap;
 pub mod sideways;
 pub mod smoothing;
 
-use nalgebra::Matrix3;
+pub use error_model::{ErrorModel, OdometryErrors};
+pub use estimate::Estimate;
+use fix::{Fix, FixError};
+use gate::{Doubted, Gate, UNCALIBRATED};
+pub use increment::{Increment, move_by};
+use joint::Scales;
+use kalman::Innovation;
+use leap::Leap;
 use serde::{Deserialize, Serialize};
 
 use crate::angle::wrap_angle;
-use crate::config::{OdometryConfig, Poses, Systematic};
-use crate::gate::{Doubted, Gate, UNCALIBRATED};
-use crate::joint::{JointCovariance, Scales};
-use crate::kalman::Innovation;
-use crate::leap::Leap;
-use crate::localization::{Fix, FixError};
+use crate::config::{OdometryConfig, Poses};
 use crate::pose::Pose2;
-
-/// A step of the robot, as seen from the robot: metres along and across the heading half-way through the turn.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Increment {
-    /// Along the middle heading, metres; negative when driving backwards (Δl of the paper).
-    pub forward_m: f64,
-    /// Across it, metres, positive to the left. About zero for a drive that cannot slide sideways; kept so that
-    /// the steps of a log add up to the log's own poses.
-    pub lateral_m: f64,
-    /// Δθ, radians in (-π, π], counter-clockwise.
-    pub turn_rad: f64,
-}
-
-impl Increment {
-    /// The step that leads from one odometry pose to the next.
-    #[must_use]
-    pub fn between(odom_from_before: Pose2, odom_from_now: Pose2) -> Self {
-        let turn_rad = wrap_angle(odom_from_now.theta - odom_from_before.theta);
-        let (s, c) = libm::sincos(odom_from_before.theta + 0.5 * turn_rad);
-        let (dx, dy) = (odom_from_now.x - odom_from_before.x, odom_from_now.y - odom_from_before.y);
-        Self { forward_m: dx * c + dy * s, lateral_m: dy * c - dx * s, turn_rad }
-    }
-
-    /// Straight length of the step, metres, never negative (|Δl|).
-    #[must_use]
-    pub fn length_m(self) -> f64 {
-        libm::hypot(self.forward_m, self.lateral_m)
-    }
-
-    /// The step without the systematic error: Δl (1 − a_l), Δθ (1 − a_θ) (the paper's Fig. 16).
-    #[must_use]
-    pub fn corrected(self, lin_scale: f64, ang_scale: f64) -> Self {
-        Self {
-            forward_m: self.forward_m * (1.0 - lin_scale),
-            lateral_m: self.lateral_m * (1.0 - lin_scale),
-            turn_rad: self.turn_rad * (1.0 - ang_scale),
-        }
-    }
-}
-
-/// Where a robot at `pose` is after `increment`: the mid-point rule, h = θ + Δθ/2.
-#[must_use]
-pub fn move_by(pose: Pose2, increment: Increment) -> Pose2 {
-    let (s, c) = libm::sincos(pose.theta + 0.5 * increment.turn_rad);
-    Pose2::new(
-        pose.x + increment.forward_m * c - increment.lateral_m * s,
-        pose.y + increment.forward_m * s + increment.lateral_m * c,
-        pose.theta + increment.turn_rad,
-    )
-}
-
-/// What the odometry may be wrong by since the last absolute fix.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct OdometryErrors {
-    /// E_lin: systematic linear error, metres (eq 1); 0 unless systematic errors are carried.
-    pub e_lin_m: f64,
-    /// E_ang: systematic angular error, radians (eq 2); 0 unless systematic errors are carried.
-    pub e_ang_rad: f64,
-    /// ε_lin: variance of the linear error, m² (eq 3).
-    pub eps_lin_m2: f64,
-    /// ε_ang: variance of the angular error, rad² (eq 4).
-    pub eps_ang_rad2: f64,
-}
-
-/// Eqs 1–4: the errors as functions of the way travelled and turned.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ErrorModel {
-    config: OdometryConfig,
-}
-
-impl ErrorModel {
-    /// The error model of a configuration.
-    #[must_use]
-    pub fn new(config: &OdometryConfig) -> Self {
-        Self { config: config.clone() }
-    }
-
-    /// Eqs 1–4: the errors E_lin, E_ang, ε_lin, ε_ang after travelling Λ = `travel_m` and turning Θ = `turn_rad` (both sums of absolute values, 0 or more).
-    #[must_use]
-    pub fn errors(&self, travel_m: f64, turn_rad: f64) -> OdometryErrors {
-        let c = &self.config;
-        let (e_lin_m, e_ang_rad) = match c.systematic {
-            Systematic::Carry => {
-                let sigma = if turn_rad >= c.lin_offset_from_turn_rad { c.lin_offset_m } else { 0.0 };
-                let alpha = if travel_m >= c.ang_offset_from_travel_m { c.ang_offset_rad } else { 0.0 };
-                (c.lin_scale * travel_m + sigma, c.ang_scale * turn_rad + alpha)
-            }
-            Systematic::Correct | Systematic::Off => (0.0, 0.0),
-        };
-        OdometryErrors {
-            e_lin_m,
-            e_ang_rad,
-            eps_lin_m2: c.k_ll * travel_m + c.k_lt * turn_rad,
-            eps_ang_rad2: c.k_tt * turn_rad + c.k_tl * travel_m,
-        }
-    }
-}
-
-/// Where the robot is believed to be, and how far to believe it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Estimate {
-    /// `map_from_base`.
-    pub pose: Pose2,
-    /// Covariance of (x, y, θ) in the map frame and of `scales`; m, rad, 1. A systematic error that is carried is in it, as
-    /// two unknown scales that are the same all the way.
-    pub covariance: JointCovariance,
-    /// What is taken out of every increment: by configuration, or as learned from fixes.
-    pub scales: Scales,
-    /// Λ: way travelled since the last absolute fix, metres.
-    pub travel_m: f64,
-    /// Θ: angle turned since the last absolute fix, radians, both directions counted positive.
-    pub turn_rad: f64,
-    /// Eqs 1–4 at Λ and Θ.
-    pub errors: OdometryErrors,
-    /// How many absolute fixes there have been.
-    pub fixes: u32,
-    /// How many more were refused, for being too far off.
-    pub refused: u32,
-}
-
-impl Estimate {
-    /// At rest at `pose`, without doubt.
-    #[must_use]
-    pub fn certain(pose: Pose2) -> Self {
-        Self {
-            pose,
-            covariance: JointCovariance::zeros(),
-            scales: Scales::default(),
-            travel_m: 0.0,
-            turn_rad: 0.0,
-            errors: OdometryErrors::default(),
-            fixes: 0,
-            refused: 0,
-        }
-    }
-
-    /// The estimate of whoever tells a pose with its covariance of (x, y, θ): m², m rad, rad², in the map frame. The errors of eqs 1–4
-    /// are as large as it: ε_lin its greatest variance of a position, ε_ang that of the heading.
-    ///
-    /// ```
-    /// use echogrid_core::{Estimate, Matrix3, Pose2};
-    ///
-    /// let covariance = Matrix3::from_diagonal(&[0.04, 0.01, 0.001].into());
-    /// let estimate = Estimate::with_covariance(Pose2::new(1.0, 2.0, 0.5), &covariance);
-    /// assert_eq!(estimate.pose_covariance(), covariance);
-    /// assert!((estimate.errors.eps_lin_m2 - 0.04).abs() < 1e-12);
-    /// ```
-    #[must_use]
-    pub fn with_covariance(pose: Pose2, covariance: &Matrix3<f64>) -> Self {
-        let mut estimate = Self::certain(pose);
-        estimate.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(covariance);
-        let position = covariance.fixed_view::<2, 2>(0, 0);
-        let (trace, determinant) = (position.trace(), position.determinant());
-        let greatest = 0.5 * trace + (0.25 * trace * trace - determinant).max(0.0).sqrt();
-        estimate.errors.eps_lin_m2 = greatest;
-        estimate.errors.eps_ang_rad2 = covariance[(2, 2)];
-        estimate
-    }
-
-    /// Covariance of (x, y, θ) alone, map frame; m², m rad, rad².
-    #[must_use]
-    pub fn pose_covariance(&self) -> Matrix3<f64> {
-        self.covariance.fixed_view::<3, 3>(0, 0).into_owned()
-    }
-
-    /// Covariance of (x, y, θ) of what sits at `base_from_part` on the robot, in the map frame: where the heading is in
-    /// doubt, so is the place of what is off the base.
-    #[must_use]
-    pub fn covariance_of(&self, base_from_part: Pose2) -> Matrix3<f64> {
-        let (s, c) = libm::sincos(self.pose.theta);
-        let (x, y) = (c * base_from_part.x - s * base_from_part.y, s * base_from_part.x + c * base_from_part.y);
-        let moved = Matrix3::new(1.0, 0.0, -y, 0.0, 1.0, x, 0.0, 0.0, 1.0);
-        moved * self.pose_covariance() * moved.transpose()
-    }
-
-    /// Between `self` (`fraction` 0) and `later` (`fraction` 1): the pose by [`Pose2::interpolate`], all else linear;
-    /// `fixes` is that of `self` until `later` is reached. `fraction` is kept within [0, 1]: there is no extrapolation.
-    #[must_use]
-    pub fn interpolate(&self, later: &Self, fraction: f64) -> Self {
-        let fraction = if fraction > 0.0 { fraction.min(1.0) } else { 0.0 };
-        if fraction == 1.0 {
-            return *later;
-        }
-        let mix = |a: f64, b: f64| a + fraction * (b - a);
-        Self {
-            pose: self.pose.interpolate(later.pose, fraction),
-            covariance: self.covariance + (later.covariance - self.covariance) * fraction,
-            scales: Scales { lin: mix(self.scales.lin, later.scales.lin), ang: mix(self.scales.ang, later.scales.ang) },
-            travel_m: mix(self.travel_m, later.travel_m),
-            turn_rad: mix(self.turn_rad, later.turn_rad),
-            errors: OdometryErrors {
-                e_lin_m: mix(self.errors.e_lin_m, later.errors.e_lin_m),
-                e_ang_rad: mix(self.errors.e_ang_rad, later.errors.e_ang_rad),
-                eps_lin_m2: mix(self.errors.eps_lin_m2, later.errors.eps_lin_m2),
-                eps_ang_rad2: mix(self.errors.eps_ang_rad2, later.errors.eps_ang_rad2),
-            },
-            fixes: self.fixes,
-            refused: self.refused,
-        }
-    }
-}
 
 /// Dead reckoning: the state that turns odometry poses into estimates.
 ///

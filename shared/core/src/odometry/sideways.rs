@@ -1,7 +1,7 @@
 //! Whether poses are those of a drive: wheels do not slide sideways, what corrects poses from outside moves them any way.
 
 use crate::angle::wrap_angle;
-use crate::odometry::Increment;
+use crate::odometry::increment::Increment;
 use crate::pose::Pose2;
 
 /// Ways are looked at in pieces of this length, so that digits that were not written do not count, metres.

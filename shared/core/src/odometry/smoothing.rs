@@ -9,7 +9,9 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 
 use crate::angle::wrap_angle;
 use crate::joint::{JointCovariance, jacobian, tidied};
-use crate::odometry::{Estimate, Increment, OdometryErrors};
+use crate::odometry::error_model::OdometryErrors;
+use crate::odometry::estimate::Estimate;
+use crate::odometry::increment::Increment;
 use crate::pose::Pose2;
 use crate::semi_inverse::{explains, semi_inverse};
 
@@ -156,8 +158,8 @@ mod tests {
     use super::*;
     use crate::config::{OdometryConfig, Systematic};
     use crate::gate::Gate;
-    use crate::localization::Fix;
     use crate::noise::standard_normal_pair;
+    use crate::odometry::fix::Fix;
     use crate::odometry::{Odometry, move_by};
 
     const OPEN: Gate = Gate { sigmas: 0.0, refuses: false, places: false };

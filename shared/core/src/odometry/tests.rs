@@ -1,9 +1,10 @@
 use core::f64::consts::{FRAC_PI_2, PI};
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
 
 use super::*;
+use crate::config::Systematic;
 
 fn config(systematic: Systematic) -> OdometryConfig {
     OdometryConfig { systematic, lin_offset_m: 0.01, ang_offset_rad: 0.02, ..OdometryConfig::default() }

@@ -1,6 +1,7 @@
 //! Localization: the question where the robot is, and the answer.
 
-use echogrid_core::localization::{Fix, Reason};
+use echogrid_core::Fix;
+use echogrid_core::localization::Reason;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

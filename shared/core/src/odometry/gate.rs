@@ -4,11 +4,12 @@ use core::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
+use super::estimate::Estimate;
+use super::fix::Fix;
+use super::increment::{Increment, move_by};
+use super::joint::{self, JointCovariance, Scales};
+use super::kalman::Innovation;
 use crate::config::OdometryConfig;
-use crate::joint::{self, JointCovariance, Scales};
-use crate::kalman::Innovation;
-use crate::localization::Fix;
-use crate::odometry::{Estimate, Increment, move_by};
 use crate::pose::Pose2;
 
 /// So many refused fixes in a row that agree with each other are believed: the robot has been carried off.

@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::fix::Fix;
+use super::joint::{JointCovariance, tidied};
 use crate::angle::wrap_angle;
-use crate::joint::{JointCovariance, tidied};
-use crate::localization::Fix;
 use crate::pose::Pose2;
 use crate::semi_inverse::{explains, semi_inverse};
 
