@@ -253,7 +253,7 @@ pub enum Command {
         /// Native map, map.echogrid.
         map: PathBuf,
         /// Cells that are nearer to a wall belong to it, metres.
-        #[arg(long, value_name = "METRES", default_value_t = echogrid_core::walls::WITHIN_M, value_parser = reach)]
+        #[arg(long, value_name = "METRES", default_value_t = echogrid_judge::walls::WITHIN_M, value_parser = reach)]
         within: f64,
         /// Prints the figures as JSON.
         #[arg(long)]

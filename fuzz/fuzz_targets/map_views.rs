@@ -1,7 +1,7 @@
 //! Any cells of a map: whoever looks at it finds a way to. What a file can't hold is left out, for `native_map` sees to files.
 #![no_main]
 
-use echogrid_core::walls::Walls;
+use echogrid_judge::Walls;
 use echogrid_core::{CellIndex, Grid, GridSummary};
 use echogrid_formats::map::map_server::{MapMode, Thresholds, encode_image};
 use echogrid_formats::map::{OccupancyMap, npy};

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Pose2;
-use echogrid_core::quality::{Quality, TrueCell, Truth};
 use echogrid_formats::log::{self, LogEvent, SurveyOptions};
 use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::{probe_file, world};
+use echogrid_judge::quality::{Quality, TrueCell, Truth};
 use echogrid_slam::evaluate::PathError;
 use serde::Serialize;
 

@@ -4,8 +4,8 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use echogrid_core::Walls;
 use echogrid_formats::map::{native, picture};
+use echogrid_judge::Walls;
 use serde::Serialize;
 
 /// What was found.

@@ -3,7 +3,8 @@
 use anyhow::Result;
 use echogrid::config::{Config, LoadRequest};
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_core::{Grid, Pose2, Quality, Tile, Verdict, VerdictCounts};
+use echogrid_core::{Grid, Pose2, Tile, Verdict, VerdictCounts};
+use echogrid_judge::Quality;
 use echogrid_service::{Input, Outbox, Service};
 use echogrid_simulator::world_of;
 use echogrid_topics::{Layer, Message, Topic};

@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use echogrid_core::quality::Truth;
-use echogrid_core::{Grid, Pose2, Quality, World};
+use echogrid_core::{Grid, Pose2, World};
 use echogrid_formats::world;
+use echogrid_judge::Quality;
+use echogrid_judge::quality::Truth;
 
 use super::super::align::{Align, best};
 use super::super::observer::{Observer, Seen};

@@ -1,7 +1,7 @@
 //! The parameters of each fusion, learnt: one after the other, each to the best of the values around it, until none gets better.
 
 use anyhow::Result;
-use echogrid_core::Quality;
+use echogrid_judge::Quality;
 use serde::Serialize;
 
 use super::drive::Lesson;

@@ -8,8 +8,8 @@ mod report;
 mod workload;
 
 use anyhow::{Context, Result, ensure};
-use echogrid_core::Quality;
 use echogrid_formats::{probe_file, write_whole};
+use echogrid_judge::Quality;
 use toml::Value;
 
 use self::drive::{Drive, Lesson};

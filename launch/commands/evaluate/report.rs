@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use echogrid_core::Quality;
+use echogrid_judge::Quality;
 use serde::Serialize;
 
 use super::learn::Learnt;

@@ -4,9 +4,10 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
-use echogrid_core::quality::Truth;
-use echogrid_core::{Echo, Estimate, GridMapper, Pose2, Quality, Reading};
+use echogrid_core::{Echo, Estimate, GridMapper, Pose2, Reading};
 use echogrid_formats::world;
+use echogrid_judge::Quality;
+use echogrid_judge::quality::Truth;
 
 use crate::config::{Config, LoadRequest};
 

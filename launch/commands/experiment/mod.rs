@@ -7,10 +7,11 @@ mod variant;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
-use echogrid_core::quality::{QualityError, SIGHT_M, TrueCell, Truth};
-use echogrid_core::{CellIndex, Grid, Pose2, Quality, TILE_SIDE, World, log_odds};
+use echogrid_core::{CellIndex, Grid, Pose2, TILE_SIDE, World, log_odds};
 use echogrid_formats::map::sheet::{self, Row, Sheet};
 use echogrid_formats::{probe_file, write_whole};
+use echogrid_judge::Quality;
+use echogrid_judge::quality::{QualityError, SIGHT_M, TrueCell, Truth};
 use echogrid_publisher::PublisherService;
 use echogrid_simulator::world_of;
 

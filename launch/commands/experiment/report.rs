@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use echogrid_core::Quality;
+use echogrid_judge::Quality;
 use serde::Serialize;
 
 /// A moment of the drive.

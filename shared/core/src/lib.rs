@@ -16,10 +16,8 @@ pub mod landmarks;
 pub mod localization;
 pub mod mapping;
 pub mod odometry;
-pub mod quality;
 mod sensor;
 mod state;
-pub mod walls;
 pub mod world;
 
 // Modules are named without their room.
@@ -52,7 +50,6 @@ pub use odometry::{ErrorModel, Estimate, Increment, Odometry, OdometryErrors, mo
 pub use parts::{Parts, Saved, SavedError};
 pub use placing::Placing;
 pub use pose::{POSITION_MAX_M, Pose2};
-pub use quality::{Quality, QualityError};
 pub use raster::Raster;
 pub use reading::{Echo, Reading};
 pub use remap::Remapped;
@@ -62,5 +59,4 @@ pub use sideways::Sideways;
 pub use smoothing::{placed, smooth};
 pub use summary::GridSummary;
 pub use verdict::{Verdict, VerdictCounts};
-pub use walls::{Wall, Walls};
 pub use world::{Cone, Fan, Meeting, Person, RayHit, Segment, Vicinity, World, WorldParts};

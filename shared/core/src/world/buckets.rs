@@ -118,7 +118,7 @@ impl Buckets {
 
 /// For each row of unit squares that a line crosses, widened by `margin` to all sides, the columns that it crosses there:
 /// within `counts` columns and rows.
-pub(crate) fn columns_of_rows(
+pub fn columns_of_rows(
     line: Segment,
     margin: f64,
     counts: [usize; 2],

@@ -9,7 +9,7 @@ mod person;
 mod solid;
 mod surface;
 
-pub(crate) use buckets::columns_of_rows;
+pub use buckets::columns_of_rows;
 use buckets::{Buckets, Walk};
 pub use fan::{Cone, Fan, Vicinity};
 pub use person::Person;

@@ -9,8 +9,9 @@ use std::path::Path;
 use std::slice;
 
 use echogrid_core::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, log_odds_of};
-use echogrid_core::quality::{TrueCell, Truth, judged_log_odds};
-use echogrid_core::{CellIndex, Grid, Pose2, Raster, Wall};
+use echogrid_core::{CellIndex, Grid, Pose2, Raster};
+use echogrid_judge::Wall;
+use echogrid_judge::quality::{TrueCell, Truth, judged_log_odds};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
 use super::occupancy::{CELLS_MAX, probability, raster_of};

@@ -9,11 +9,9 @@
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
+use echogrid_core::log_odds::{OCCUPIED_ABOVE, log_odds_of};
+use echogrid_core::{CellIndex, Grid, TILE_SIDE, wrap_angle};
 use serde::Serialize;
-
-use crate::angle::wrap_angle;
-use crate::grid::{CellIndex, Grid, TILE_SIDE};
-use crate::log_odds::{OCCUPIED_ABOVE, log_odds_of};
 
 /// A cell this near to a wall belongs to it, unless said otherwise, metres.
 pub const WITHIN_M: f64 = 0.15;
@@ -327,7 +325,7 @@ fn near(points: &[[f64; 2]], line: Line, within_m: f64) -> impl Iterator<Item = 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::Draws;
+    use echogrid_core::noise::Draws;
 
     const RESOLUTION_M: f64 = 0.05;
 
