@@ -168,6 +168,18 @@ pub enum Command {
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
     },
+    /// Records a running graph in an MCAP file from now on, until it ends or Ctrl-C; nobody waits for it, and what it missed is said.
+    /// (`--record` of `up`, `map` and `demo` records from the beginning, and misses nothing.)
+    Record {
+        /// The recording; must not be there yet.
+        file: PathBuf,
+        /// Records echogrid's own messages alone, without Foxglove's beside them.
+        #[arg(long)]
+        native_only: bool,
+        /// Which graph; may be left out when only one runs.
+        #[arg(long, value_name = "NAME")]
+        domain: Option<String>,
+    },
     /// Drives the robot of a running graph, a simulated one or a Pioneer; what it was about before is forgotten. A real robot
     /// stops soon when it is not told to go on.
     #[command(allow_negative_numbers = true)]
@@ -333,7 +345,7 @@ pub enum Command {
     Janitor,
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, simulator, pioneer, odometry, localizer, mapper or publisher.
+        /// replay, simulator, pioneer, odometry, slam, localizer, mapper, publisher, recorder or live.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
@@ -527,6 +539,10 @@ pub struct Settings {
     /// [default: drive].
     #[arg(long, value_name = "drive|exact")]
     pub poses: Option<String>,
+    /// Records the run in an MCAP file, for maps to come and for Foxglove; the map of the recording is that of the run
+    /// [default file: recording.mcap beside the maps].
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true, default_missing_value = "")]
+    pub record: Option<String>,
     /// Sets any key, as in `--set mapper.resolution_m=0.1`; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
@@ -598,6 +614,7 @@ impl Settings {
             start: self.start.as_deref().and_then(|start| start.try_into().ok()),
             poses: self.poses,
             sets: self.sets,
+            recording: self.record,
             ..LoadRequest::default()
         }
     }

@@ -90,6 +90,10 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     doctor::require_addresses(config, survey.as_ref())?;
     probe_record(&config.simulator.record, &config.run.out)?;
     probe_output(config)?;
+    let recording = config.recording();
+    if let Some(file) = recording.as_ref().filter(|_| !request.resume) {
+        probe_recording(file)?;
+    }
     let _ours = folder::take(&config.run.out)?;
     let domain = match &config.run.domain {
         config::Domain::Auto => Domain::unique(),
@@ -126,6 +130,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let mut display = Watched { display: Display::new(view.quiet, view.tells_lives()), watch };
     if let Some(watch) = &display.watch {
         display.display.print(&format!("live page: {}", watch.address()));
+    }
+    if let Some(file) = &recording {
+        display.display.print(&format!("recording: {}", file.display()));
     }
     if !request.resume
         && MapFiles::names(&config.publisher.map_files()).iter().any(|name| config.run.out.join(name).exists())
@@ -282,6 +289,21 @@ fn probe_record(record: &Path, out: &Path) -> Result<()> {
             .with_context(|| format!("simulator.record: {} can't be written there", record.display()))?;
     }
     ensure!(!record.is_dir(), "simulator.record: {} is a folder; expected a file or nothing", record.display());
+    Ok(())
+}
+
+/// Nor is a recording ever replaced.
+fn probe_recording(file: &Path) -> Result<()> {
+    ensure!(
+        !file.exists(),
+        "{}: is there already, and a recording is never replaced; name another: --record=FILE",
+        file.display()
+    );
+    if let Some(folder) = file.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
+        tempfile::tempfile_in(folder)
+            .with_context(|| format!("recorder.file: {} can't be written there", file.display()))?;
+    }
     Ok(())
 }
 

@@ -76,6 +76,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Drive { v, w, seconds, domain }) => talk::drive(domain.as_deref(), v, w, seconds),
         Some(Command::Emulate(request)) => emulate::run(&request),
         Some(Command::Live { domain, listen, hosts }) => live::run(live::Request { domain, listen, hosts }),
+        Some(Command::Record { file, native_only, domain }) => talk::record(domain.as_deref(), &file, !native_only),
         Some(Command::Status { domain, json, watch }) => status::run(domain.as_deref(), json, watch),
         Some(Command::Completions { shell }) => manual::completions(shell),
         Some(Command::Man { out }) => manual::pages(out.as_deref()),

@@ -9,16 +9,10 @@ use echogrid_topics::Domain;
 
 use crate::config::Builtin;
 
-/// The service that looks on: it plays no role in a graph.
-const LIVE: &str = "live";
-
 /// Runs a built-in service in the domain that the environment or `domain` names.
 pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
-    if name == LIVE && domain.is_none() {
-        return echogrid_live::main();
-    }
     let Some(builtin) = Builtin::from_name(name) else {
-        let names: Vec<&str> = Builtin::ALL.into_iter().map(Builtin::name).chain([LIVE]).collect();
+        let names: Vec<&str> = Builtin::ALL.into_iter().map(Builtin::name).collect();
         let _ = writeln!(std::io::stderr(), "echogrid: no service {name:?}; there are: {}", names.join(", "));
         return ExitCode::from(2);
     };
@@ -34,6 +28,8 @@ pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
         Builtin::Localizer => echogrid_localizer::main(),
         Builtin::Mapper => echogrid_mapper::main(),
         Builtin::Publisher => echogrid_publisher::main(),
+        Builtin::Recorder => echogrid_recorder::main(),
+        Builtin::Live => echogrid_live::main(),
     }
 }
 

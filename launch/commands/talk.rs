@@ -1,11 +1,12 @@
 //! Talking to a running graph: `echogrid save`, `echogrid fix`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_core::{Fix, Pose2};
 use echogrid_formats::map::MapFormat;
+use echogrid_recorder::Recorded;
 use echogrid_service::Plan;
 use echogrid_topics::{Command, Domain, Participant};
 
@@ -17,6 +18,18 @@ const SAVED_WITHIN: Duration = Duration::from_secs(60);
 const DONE_WITHIN: Duration = Duration::from_secs(10);
 /// A robot that nobody tells to go on stops: within a second, say.
 const TOLD_AGAIN: Duration = Duration::from_millis(250);
+
+/// Records a graph until it is over.
+pub(super) fn record(domain: Option<&str>, file: &Path, with_foxglove: bool) -> Result<()> {
+    let Recorded { messages, missed } = echogrid_recorder::record(&choose(domain)?, file, with_foxglove)?;
+    let missed = match missed {
+        0 => "none missed".to_owned(),
+        missed => {
+            format!("{missed} missed: it did not keep up with the graph (--record of up, map and demo is waited for)")
+        }
+    };
+    super::print(&format!("{}: {messages} messages, {missed}\n", file.display()))
+}
 
 /// Has every publisher of a graph save its map.
 pub(super) fn save(domain: Option<&str>) -> Result<()> {

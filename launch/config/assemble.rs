@@ -11,7 +11,7 @@ use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
 use super::schema::TOPIC;
-use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind, default_services};
+use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, default_services};
 use super::suggest;
 use super::wiring::Written;
 
@@ -36,6 +36,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.localizer = section("localizer", &config.localizer, settings)?;
     config.mapper = section("mapper", &config.mapper, settings)?;
     config.publisher = section("publisher", &config.publisher, settings)?;
+    config.recorder = section("recorder", &config.recorder, settings)?;
     config.supervision = section("supervision", &config.supervision, settings)?;
     Ok(config)
 }
@@ -161,7 +162,9 @@ pub(crate) fn services(
 fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Problem> {
     // An executable need not have a role.
     let is_foreign = draft.exec.as_ref().is_some_and(|exec| !exec.starts_with(BUILTIN_PREFIX));
-    let named = draft.kind.or_else(|| ServiceKind::from_word(name)).or(is_foreign.then_some(ServiceKind::Other));
+    let builtin = draft.exec.as_deref().and_then(|exec| exec.strip_prefix(BUILTIN_PREFIX)).and_then(Builtin::from_name);
+    let other = || if is_foreign { Some(ServiceKind::Other) } else { builtin.map(Builtin::kind) };
+    let named = draft.kind.or_else(|| ServiceKind::from_word(name)).or_else(other);
     let Some(kind) = named else {
         let message = "missing; expected one of sensor, odometry, localizer, mapper, publisher, other".to_owned();
         return Err(Problem { origin: draft.origin, key: format!("services.{name}.kind"), value: None, message });
@@ -190,7 +193,11 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         return Err(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
     }
     let wiring = draft.wiring.resolve(kind, &exec);
-    let care = Value::Table(draft.care).try_into().map_err(|error: toml::de::Error| Problem {
+    let mut care = draft.care;
+    if builtin.is_some_and(Builtin::is_beside) {
+        care.entry("required").or_insert(Value::Boolean(false));
+    }
+    let care = Value::Table(care).try_into().map_err(|error: toml::de::Error| Problem {
         origin: draft.origin,
         key: format!("services.{name}"),
         value: None,

@@ -32,6 +32,7 @@ mod value;
 mod wiring;
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
@@ -39,6 +40,7 @@ use echogrid_core::localization::{Ask, Choice, LocalizationConfig};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
+use echogrid_recorder::config::RecorderConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
 use echogrid_slam::SlamConfig;
@@ -86,6 +88,8 @@ pub struct Config {
     pub mapper: MapperConfig,
     /// The files that a map is saved to.
     pub publisher: PublisherConfig,
+    /// What `builtin:recorder` records, and where.
+    pub recorder: RecorderConfig,
     /// What happens when a service dies or hangs.
     pub supervision: SupervisionConfig,
     /// The robot that `run.robot` names; none when the log is to say. Not a table of a graph file.
@@ -108,6 +112,7 @@ impl Default for Config {
             localizer: LocalizerConfig::default(),
             mapper: MapperConfig::default(),
             publisher: PublisherConfig::default(),
+            recorder: RecorderConfig::default(),
             supervision: SupervisionConfig::default(),
             robot: None,
         }
@@ -177,6 +182,13 @@ impl Config {
     #[must_use]
     pub fn drives_pioneer(&self) -> bool {
         self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Pioneer))
+    }
+
+    /// Where the run is recorded, if it is.
+    #[must_use]
+    pub fn recording(&self) -> Option<PathBuf> {
+        let records = |service: &Service| service.exec == Exec::Builtin(Builtin::Recorder);
+        self.services.values().any(records).then(|| self.recorder.path(&self.run.out))
     }
 
     /// Whether some process answers when the odometry asks where the robot is.

@@ -39,6 +39,8 @@ pub struct LoadRequest {
     pub poses: Option<String>,
     /// Where a simulated drive is written to, as a log.
     pub record: Option<String>,
+    /// `--record`: where the run is recorded; empty: beside the maps.
+    pub recording: Option<String>,
     /// The log to play.
     pub log: Option<String>,
     /// Each `--topic`: of a recording, what is used.
@@ -73,6 +75,7 @@ impl LoadRequest {
             found.add(argument::assign("replay.truth", truth, &origin));
         }
         self.add_topics(base, &mut found);
+        self.add_recorder(graph, base, &mut found);
         for (flag, key, value) in [
             ("--robot", "run.robot", &self.robot),
             ("--rate", "run.rate", &self.rate),
@@ -107,6 +110,19 @@ impl LoadRequest {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));
         }
         found
+    }
+
+    fn add_recorder(&self, graph: &[Setting], base: &Path, found: &mut Findings) {
+        let Some(file) = &self.recording else { return };
+        let origin = Source::argument(&format!("--record={file}"), Some(base));
+        let recorder = format!("{BUILTIN_PREFIX}{}", Builtin::Recorder.name());
+        let has_one = graph.iter().any(|setting| setting.value.as_str() == Some(&recorder));
+        if !has_one {
+            found.add(argument::assign("services.recorder.exec", &recorder, &origin));
+        }
+        if !file.is_empty() {
+            found.add(argument::assign("recorder.file", file, &origin));
+        }
     }
 
     fn add_topics(&self, base: &Path, found: &mut Findings) {

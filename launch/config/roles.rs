@@ -7,7 +7,7 @@ use echogrid_topics::contract::MAX_ACKS;
 use super::Config;
 use super::assemble::Origins;
 use super::problem::Problem;
-use super::service::{BUILTIN_PREFIX, Exec, Service, ServiceKind};
+use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind};
 use super::wiring::Wiring;
 
 /// Variables by which a service finds its graph.
@@ -21,7 +21,17 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
         let of_service = service_problems(config, name, service, origins);
         of_service.into_iter().chain(wiring_problems(config, name, service, origins))
     });
+    let unasked = unasked.chain(two_recorders(config));
     counts.chain(unasked).chain(each).collect()
+}
+
+/// There is one recording.
+fn two_recorders(config: &Config) -> Option<Problem> {
+    let records = |service: &Service| service.exec == Exec::Builtin(Builtin::Recorder);
+    let names: Vec<&str> =
+        config.services.iter().filter(|(_, service)| records(service)).map(|(name, _)| name.as_str()).collect();
+    let message = format!("{} would write to the same file; expected one recorder", names.join(" and "));
+    (names.len() > 1).then(|| Problem { origin: None, key: "services".to_owned(), value: None, message })
 }
 
 /// SLAM finds its own way, and takes no fix.

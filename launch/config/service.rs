@@ -150,6 +150,10 @@ pub enum Builtin {
     Mapper,
     /// Files for people and programs.
     Publisher,
+    /// The run in a file.
+    Recorder,
+    /// A page that shows the graph in a browser.
+    Live,
 }
 
 impl Builtin {
@@ -159,8 +163,14 @@ impl Builtin {
         self == Self::Pioneer
     }
 
+    /// Whether the graph loses nothing but it when it is gone: then it goes on without, unless its file says otherwise.
+    #[must_use]
+    pub fn is_beside(self) -> bool {
+        matches!(self, Self::Recorder | Self::Live)
+    }
+
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Replay,
         Self::Simulator,
         Self::Pioneer,
@@ -169,6 +179,8 @@ impl Builtin {
         Self::Localizer,
         Self::Mapper,
         Self::Publisher,
+        Self::Recorder,
+        Self::Live,
     ];
 
     /// The name: what follows `builtin:`, and `echogrid service`.
@@ -183,6 +195,8 @@ impl Builtin {
             Self::Localizer => "localizer",
             Self::Mapper => "mapper",
             Self::Publisher => "publisher",
+            Self::Recorder => "recorder",
+            Self::Live => "live",
         }
     }
 
@@ -195,6 +209,7 @@ impl Builtin {
             Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
             Self::Publisher => ServiceKind::Publisher,
+            Self::Recorder | Self::Live => ServiceKind::Other,
         }
     }
 
@@ -211,8 +226,8 @@ impl TryFrom<String> for Exec {
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
             Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
-                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:slam, builtin:localizer, builtin:mapper or \
-                 builtin:publisher",
+                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:slam, builtin:localizer, builtin:mapper, \
+                 builtin:publisher, builtin:recorder or builtin:live",
             )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),
             None => Ok(Self::Path(text.into())),

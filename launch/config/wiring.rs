@@ -80,6 +80,8 @@ impl Builtin {
             Self::Localizer => echogrid_localizer::DECLARATION,
             Self::Mapper => echogrid_mapper::DECLARATION,
             Self::Publisher => echogrid_publisher::DECLARATION,
+            Self::Recorder => echogrid_recorder::DECLARATION,
+            Self::Live => echogrid_live::DECLARATION,
         }
     }
 }

@@ -22,6 +22,7 @@ mod pioneer;
 mod privacy;
 mod range_sensors;
 mod real_logs;
+mod recorder;
 mod score;
 mod second_user;
 mod sensors;

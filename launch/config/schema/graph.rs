@@ -7,6 +7,7 @@ use echogrid_core::localization::LocalizationConfig;
 use echogrid_localizer::config::LocalizerConfig;
 use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
+use echogrid_recorder::config::RecorderConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
 use echogrid_slam::SlamConfig;
@@ -32,6 +33,7 @@ pub(crate) static GRAPH: &[&Section] = &[
     &LOCALIZER,
     &MAPPER,
     &PUBLISHER,
+    &RECORDER,
     &SUPERVISION,
 ];
 
@@ -565,6 +567,17 @@ static PUBLISHER: Section = Section {
     ],
     probe: probe::<PublisherConfig>,
     defaults: defaults::<PublisherConfig>,
+};
+
+static RECORDER: Section = Section {
+    name: "recorder",
+    about: "what builtin:recorder records, and where",
+    keys: &[
+        text("file", Text::Path, "a path", "the recording (MCAP); empty: recording.mcap in run.out"),
+        key("foxglove", "true or false", "whether Foxglove's well-known messages are recorded beside echogrid's own"),
+    ],
+    probe: probe::<RecorderConfig>,
+    defaults: defaults::<RecorderConfig>,
 };
 
 static SUPERVISION: Section = Section {

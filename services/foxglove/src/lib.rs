@@ -4,16 +4,17 @@
 //! graph waits for it.
 
 mod channels;
-mod convert;
 mod orders;
-mod show;
 
 use std::net::SocketAddr;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use echogrid_scene::Show;
+use echogrid_service::lifeline::Lifeline;
 use echogrid_service::onlooker::{Onlooker, Operator};
 use echogrid_service::plan::DOMAIN_VARIABLE;
 use echogrid_service::signals::Signals;
@@ -24,10 +25,11 @@ use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use nix::sys::signal::Signal;
 
 use crate::channels::Channels;
-use crate::show::Show;
 
 /// What this process calls itself.
 const NAME: &str = "echogrid-foxglove";
+/// The whole map goes out at most this often.
+const MAP_EVERY: Duration = Duration::from_secs(1);
 /// What is looked at.
 const TOPICS: [Topic; 7] = [
     Topic::RobotDescription,
@@ -75,9 +77,11 @@ impl ServerListener for Newcomers {
 fn run(request: &Request) -> Result<()> {
     // Before any thread is started: threads inherit what is blocked.
     let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])?;
+    // As a service of a graph it never outlives its launcher.
+    let lifeline = Lifeline::attach();
     let domain = choose(request.domain.as_deref())?;
     let mut onlooker = Onlooker::enter(&domain, NAME, &TOPICS)?;
-    let channels = Channels::new()?;
+    let mut channels = Channels::new()?;
     let newcomers = Arc::new(Newcomers(AtomicBool::new(false)));
     let mut server = WebSocketServer::new()
         .name(format!("echogrid {}", domain.name()))
@@ -92,14 +96,14 @@ fn run(request: &Request) -> Result<()> {
     let server = server.start_blocking().with_context(|| format!("listening at {}", request.listen))?;
     let shown = SocketAddr::new(request.listen.ip(), server.port());
     say(&format!("ws://{shown}"))?;
-    let mut show = Show::new(channels);
+    let mut show = Show::new(MAP_EVERY);
     loop {
         let is_over = signals.next()?.is_some();
-        let was_there = onlooker.take_in(|stamp_ns, message| show.take(stamp_ns, message))?;
+        let was_there = onlooker.take_in(|stamp_ns, message| show.take(stamp_ns, message, &mut channels))?;
         if newcomers.0.swap(false, Ordering::Relaxed) {
-            show.tell_all();
+            show.tell_all(&mut channels);
         }
-        show.tell_what_is_due(!was_there || is_over);
+        show.tell_what_is_due(!was_there || is_over, &mut channels);
         if is_over || !was_there {
             break;
         }
@@ -112,6 +116,9 @@ fn run(request: &Request) -> Result<()> {
             }
         }
         onlooker.wait(&signals)?;
+        if lifeline.as_ref().is_some_and(Lifeline::is_cut) {
+            break;
+        }
     }
     server.stop().wait_blocking();
     Ok(())

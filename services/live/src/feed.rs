@@ -19,7 +19,7 @@ use crate::protocol::Beam;
 use crate::trail::TrailPoint;
 
 /// What is looked at.
-const TOPICS: [Topic; 8] = [
+pub(crate) const TOPICS: [Topic; 8] = [
     Topic::RobotDescription,
     Topic::OdometryEstimate,
     Topic::RangeScan,

@@ -27,7 +27,7 @@ use anyhow::{Context, Result};
 use echogrid_service::lifeline::LIFELINE_VARIABLE;
 use echogrid_service::plan::DOMAIN_VARIABLE;
 use echogrid_service::signals::Signals;
-use echogrid_service::{in_words, logging};
+use echogrid_service::{Declaration, in_words, logging};
 use echogrid_topics::Domain;
 use nix::sys::signal::Signal;
 use serde::Deserialize;
@@ -38,6 +38,9 @@ use crate::feed::{Feed, Over};
 use crate::hub::Hub;
 use crate::orders::Orders;
 use crate::server::Server;
+
+/// What it declares of itself.
+pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &feed::TOPICS, writes: &[], orders: &[] };
 
 /// Where to listen, in the environment: `ADDRESS:PORT`.
 pub const LISTEN_VARIABLE: &str = "ECHOGRID_LIVE_LISTEN";
@@ -59,8 +62,12 @@ pub fn main() -> ExitCode {
     let _whose = logging::start("live");
     // What `ps` shows.
     let _ = nix::sys::prctl::set_name(c"echogrid-live");
-    let done =
-        from_environment().and_then(|(domain, config)| serve(&domain, config, |address| tracing::info!("{address}")));
+    let done = from_environment().and_then(|(domain, config)| {
+        let is_told = !config.token.is_empty();
+        // Who was not told the token must be.
+        let tell = |address: &str| if is_told { tracing::info!("{address}") } else { tracing::warn!("{address}") };
+        serve(&domain, config, tell)
+    });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -31,6 +31,14 @@ impl Lifeline {
         })
     }
 
+    /// Whether the launcher is gone.
+    #[must_use]
+    pub fn is_cut(&self) -> bool {
+        let mut fds = [PollFd::new(self.stdin.as_fd(), PollFlags::empty())];
+        let polled = poll(&mut fds, PollTimeout::ZERO);
+        polled.is_ok() && fds[0].revents().is_some_and(|events| !events.is_empty())
+    }
+
     /// Hangs up when the launcher is gone.
     #[must_use]
     pub fn fd(&self) -> BorrowedFd<'_> {

@@ -15,15 +15,20 @@ use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use serde::Deserialize;
 
-use crate::plan::Plan;
+use crate::plan::{Plan, SERVICE_VARIABLE};
 use crate::signals::Signals;
 
 /// How often it is looked whether the graph is still there: nobody tells a mere onlooker.
 const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// Messages are taken in bunches: a processor that wakes for each would be missed by the mapper.
 const BUNCH: Duration = Duration::from_millis(15);
+/// The launcher hears of it this often, where it is a service of the graph.
+const HEARTBEAT: Duration = Duration::from_millis(250);
 /// The whole map is asked for again after this, where tiles are missing.
 const ASK_AGAIN_AFTER: Duration = Duration::from_secs(2);
+
+/// A service answers an order between two of its steps.
+pub const ANSWER_WITHIN: Duration = Duration::from_secs(10);
 
 /// A graph that is looked at.
 #[derive(Debug)]
@@ -38,8 +43,12 @@ pub struct Onlooker {
     /// Tiles known to be missing when the whole map was asked for last.
     tiles_lost: Option<u64>,
     asked: Instant,
-    // What it said would go with it.
-    _greeting: Output,
+    /// What it calls itself.
+    name: String,
+    /// What it says of itself; what it said would go with it.
+    mouth: Output,
+    /// When it said so last; none: nobody watches over it.
+    said: Option<Instant>,
     // Last: ports go before the process leaves the domain.
     _participant: Participant,
 }
@@ -50,13 +59,16 @@ impl Onlooker {
     /// # Errors
     /// There is no such graph, or shared memory refuses.
     pub fn enter(domain: &Domain, name: &str, topics: &[Topic]) -> Result<Self> {
+        // As a service of the graph it has the name that it has there, and the launcher watches over it.
+        let given = std::env::var(SERVICE_VARIABLE).ok();
+        let name = given.as_deref().unwrap_or(name);
         let participant = Participant::join(domain, name)?;
         let plan_file = domain.dir().join("plan.toml");
         let inode = std::fs::metadata(&plan_file).context("looking for the graph")?.ino();
         let plan = Plan::read(domain)?;
         // Listening before anything is said of it.
         let ports = topics.iter().map(|topic| Input::open(&participant, *topic)).collect::<Result<Vec<_>, _>>()?;
-        let greeting = greet(&participant, name, &plan)?;
+        let mouth = greet(&participant, name, &plan)?;
         Ok(Self {
             ports,
             plan,
@@ -65,7 +77,9 @@ impl Onlooker {
             is_mapping: false,
             tiles_lost: None,
             asked: Instant::now(),
-            _greeting: greeting,
+            name: name.to_owned(),
+            mouth,
+            said: given.as_ref().map(|_| Instant::now()),
             _participant: participant,
         })
     }
@@ -88,6 +102,14 @@ impl Onlooker {
     /// # Errors
     /// Shared memory refuses.
     pub fn take_in(&mut self, mut take: impl FnMut(u64, Message)) -> Result<bool> {
+        self.take_in_numbered(|_, stamp_ns, message| take(stamp_ns, message))
+    }
+
+    /// As [`Onlooker::take_in`]; each message with its number before its stamp.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn take_in_numbered(&mut self, mut take: impl FnMut(u64, u64, Message)) -> Result<bool> {
         let was_there = self.is_there();
         for index in 0..self.ports.len() {
             let taken = self.take_topic(index, &mut take);
@@ -101,7 +123,7 @@ impl Onlooker {
         Ok(was_there)
     }
 
-    fn take_topic(&mut self, index: usize, take: &mut impl FnMut(u64, Message)) -> Result<()> {
+    fn take_topic(&mut self, index: usize, take: &mut impl FnMut(u64, u64, Message)) -> Result<()> {
         let port = &mut self.ports[index];
         port.hush()?;
         while let Some(received) = port.receive()? {
@@ -111,9 +133,15 @@ impl Onlooker {
             {
                 self.is_mapping = health.state == ServiceState::Running;
             }
-            take(header.stamp_ns, message);
+            take(header.sequence, header.stamp_ns, message);
         }
         Ok(())
+    }
+
+    /// Messages that were sent since it came, and that it did not get.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.ports.iter().map(Input::lost).sum()
     }
 
     /// Whether tiles are missing that were not asked for: they were missed at the end, when nobody answers any more.
@@ -139,7 +167,11 @@ impl Onlooker {
     ///
     /// # Errors
     /// The system refuses.
-    pub fn wait(&self, signals: &Signals) -> Result<()> {
+    pub fn wait(&mut self, signals: &Signals) -> Result<()> {
+        if self.said.is_some_and(|said| said.elapsed() >= HEARTBEAT) && self.is_there() {
+            say(&mut self.mouth, &self.name)?;
+            self.said = Some(Instant::now());
+        }
         let mut fds: Vec<BorrowedFd<'_>> = vec![signals.fd()];
         // Who is told of one message waits a moment for the others.
         sleep_until_readable(&fds, BUNCH)?;
@@ -159,9 +191,13 @@ fn sleep_until_readable(fds: &[BorrowedFd<'_>], patience: Duration) -> Result<()
 /// Says that somebody came: producers then hand over what they keep for that.
 fn greet(participant: &Participant, name: &str, plan: &Plan) -> Result<Output> {
     let mut greeting = Output::open(participant, Topic::Health, plan.max_readings, plan.epoch, &[])?;
-    greeting.send(0, &Message::Health(Health::new(name, std::process::id(), ServiceState::Running)))?;
-    greeting.ring()?;
+    say(&mut greeting, name)?;
     Ok(greeting)
+}
+
+fn say(mouth: &mut Output, name: &str) -> Result<()> {
+    mouth.send(0, &Message::Health(Health::new(name, std::process::id(), ServiceState::Running)))?;
+    Ok(mouth.ring()?)
 }
 
 /// Who gives orders to the services of a graph.

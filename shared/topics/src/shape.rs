@@ -11,7 +11,7 @@ use iceoryx2::prelude::{AllocationStrategy, AttributeSpecifier, BackpressureStra
 use crate::contract::Fault;
 use crate::participant::{MAX_NODES, Participant, TopicError, attribute_failed, failed, service_name};
 use crate::topic::{Qos, Topic};
-use crate::wire::{Header, Wire};
+use crate::wire::{Header, Wire, bytes_of};
 
 type PublisherOf<P> = Publisher<ipc::Service, P, Header>;
 type SubscriberOf<P> = Subscriber<ipc::Service, P, Header>;
@@ -72,6 +72,9 @@ pub trait Payload<T>: Shape {
     /// # Errors
     /// It breaks its contract.
     fn read(&self) -> Result<T, Fault>;
+
+    /// Adds its bytes as they would lie in shared memory.
+    fn put_bytes(content: &T, into: &mut Vec<u8>);
 }
 
 macro_rules! create {
@@ -145,6 +148,10 @@ where
     fn read(&self) -> Result<T, Fault> {
         self.try_into().map_err(Into::into)
     }
+
+    fn put_bytes(content: &T, into: &mut Vec<u8>) {
+        into.extend_from_slice(bytes_of(&W::from(content)));
+    }
 }
 
 impl<W: Wire> Shape for [W] {
@@ -203,5 +210,9 @@ where
 
     fn read(&self) -> Result<Vec<E>, Fault> {
         self.iter().map(|element| element.try_into().map_err(Into::into)).collect()
+    }
+
+    fn put_bytes(content: &Vec<E>, into: &mut Vec<u8>) {
+        content.iter().for_each(|element| into.extend_from_slice(bytes_of(&W::from(element))));
     }
 }

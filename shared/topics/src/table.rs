@@ -81,6 +81,18 @@ macro_rules! topics {
                 match self { $(Self::$message(content) => crate::content::Content::json(content),)* }
             }
 
+            /// Its bytes as they would lie in shared memory.
+            #[must_use]
+            pub fn bytes(&self) -> Vec<u8> {
+                use crate::content::Content;
+                use crate::shape::Payload;
+                let mut bytes = Vec::new();
+                match self {
+                    $(Self::$message(content) => <$content as Content>::Payload::put_bytes(content, &mut bytes),)*
+                }
+                bytes
+            }
+
             /// What of it fits a line, as JSON.
             #[must_use]
             pub fn brief(&self) -> serde_json::Value {

@@ -35,6 +35,8 @@ pub enum LogFormat {
     RosBag,
     /// MCAP, as ROS 2 and others record.
     Mcap,
+    /// MCAP, as echogrid's recorder writes it: a run as it was.
+    EchogridRecording,
     /// A recording of ROS 2 in an SQLite file (`.db3`).
     Rosbag2,
     /// CMU's Wean Hall log: `O` and `L` lines, centimetres.
@@ -53,6 +55,7 @@ impl core::fmt::Display for LogFormat {
             Self::CarmenLog => "CARMEN log",
             Self::RosBag => "ROS bag",
             Self::Mcap => "MCAP recording",
+            Self::EchogridRecording => "recording of a run",
             Self::Rosbag2 => "ROS 2 recording (.db3)",
             Self::WeanLog => "Wean Hall log",
             Self::GmappingLog => "GMapping log",

@@ -52,7 +52,7 @@ pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
 pub use fault::{Fault, FaultKind, Place};
-pub use recording::{RecordingContents, TopicContents};
+pub use recording::{McapChannel, McapWriter, RecordingContents, TopicContents};
 pub(crate) use stamp::parse_stamp_ns;
 pub use survey::{LogSurvey, SurveyOptions};
 
@@ -75,6 +75,11 @@ pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, Log
         Found::Recording { files, format } => {
             let container = || recording::open(&files, format, u64::MAX);
             let inventory = recording::inventory(path, container()?)?;
+            // Who names topics wants those.
+            let asks_for_others = !options.topics.is_empty() || options.truth.is_some();
+            if !asks_for_others && recording::is_native(path, &inventory)? {
+                return recording::survey_native(container()?, path);
+            }
             let plan = Arc::new(recording::choose(path, &inventory, &options)?);
             carmen::survey_recording(container()?, path, format, plan, options)
         }
@@ -107,6 +112,10 @@ pub fn open(path: &Path, survey: &LogSurvey) -> Result<LogReader, LogError> {
     match (detect(path)?, survey.format) {
         (Found::Text { path, dialect }, _) if survey.plan.is_text_of(&dialect) && dialect.format() == survey.format => {
             carmen::read(detect::open_file(&path)?, &path, survey)
+        }
+        (Found::Recording { files, .. }, LogFormat::EchogridRecording) => {
+            let bytes = survey.byte_counts.first().copied().unwrap_or(0);
+            Ok(recording::read_native(recording::open(&files, LogFormat::Mcap, bytes)?, path, survey))
         }
         (Found::Recording { files, format }, surveyed) if format == surveyed => {
             let bytes = survey.byte_counts.first().copied().unwrap_or(0);

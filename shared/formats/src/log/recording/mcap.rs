@@ -13,13 +13,19 @@ use crate::log::source::Stamp;
 /// How such files begin, and end.
 pub(crate) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
-/// The kinds of records that are read.
-mod op {
-    pub(super) const FOOTER: u8 = 2;
-    pub(super) const SCHEMA: u8 = 3;
-    pub(super) const CHANNEL: u8 = 4;
-    pub(super) const MESSAGE: u8 = 5;
-    pub(super) const CHUNK: u8 = 6;
+/// The kinds of records.
+pub(super) mod op {
+    pub(in super::super) const HEADER: u8 = 1;
+    pub(in super::super) const FOOTER: u8 = 2;
+    pub(in super::super) const SCHEMA: u8 = 3;
+    pub(in super::super) const CHANNEL: u8 = 4;
+    pub(in super::super) const MESSAGE: u8 = 5;
+    pub(in super::super) const CHUNK: u8 = 6;
+    pub(in super::super) const MESSAGE_INDEX: u8 = 7;
+    pub(in super::super) const CHUNK_INDEX: u8 = 8;
+    pub(in super::super) const STATISTICS: u8 = 11;
+    pub(in super::super) const METADATA: u8 = 12;
+    pub(in super::super) const DATA_END: u8 = 15;
 }
 
 /// Reads an MCAP file.

@@ -3,12 +3,13 @@
 //! | file | module |
 //! |---|---|
 //! | ROS 1 bag, version 2.0 | [`bag`] |
-//! | MCAP | [`mcap`] |
+//! | MCAP | [`mcap`]; [`mcap_writer`] writes it |
 //! | rosbag2's `.db3` | [`database`], which reads [`sqlite`] |
 //! | folder of rosbag2 | [`folder`] |
 //!
 //! A recording is read three times, as a stream each time: [`inventory`] learns what is in it, [`plan`] chooses of that what is used
-//! and as what, and [`translate`] then gives the messages of a log, to the survey and to the replay.
+//! and as what, and [`translate`] then gives the messages of a log, to the survey and to the replay. What echogrid itself recorded is in
+//! order already: [`native`].
 
 pub(crate) mod bag;
 mod container;
@@ -18,7 +19,9 @@ pub(crate) mod folder;
 mod frames;
 pub(crate) mod inventory;
 pub(crate) mod mcap;
+mod mcap_writer;
 mod message;
+mod native;
 mod plan;
 mod sqlite;
 mod translate;
@@ -35,6 +38,8 @@ pub use contents::{RecordingContents, TopicContents};
 use folder::Chain;
 pub(crate) use folder::Files;
 use inventory::Inventory;
+pub use mcap_writer::{McapChannel, McapWriter};
+pub(crate) use native::{is_native, read as read_native, survey as survey_native};
 pub(crate) use plan::RecordingPlan;
 use translate::Translator;
 

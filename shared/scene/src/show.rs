@@ -10,11 +10,9 @@ use foxglove::messages::line_primitive::Type as LineType;
 use foxglove::messages::{FrameTransform, LaserScan, Log, PoseInFrame, SceneEntity, SceneUpdate, log};
 use serde_json::json;
 
-use crate::channels::Channels;
+use crate::channel::{Channel, Out, Sink};
 use crate::convert::{BASE, MAP, colour, colour_of, grid, line, outline, point, pose, timestamp};
 
-/// The whole map goes out at most this often.
-const MAP_EVERY: Duration = Duration::from_secs(1);
 /// A point of the path joins it when the robot has moved this far.
 const STEP_M: f64 = 0.05;
 /// Points of a piece of the path: only the last piece is sent again.
@@ -25,14 +23,18 @@ const ELLIPSE: usize = 48;
 const CHI_SQUARE: f64 = 5.991;
 
 /// What is shown.
-pub(crate) struct Show {
-    channels: Channels,
+#[derive(Debug)]
+pub struct Show {
+    /// The whole map goes out at most this often.
+    map_every: Duration,
     robot: Option<Robot>,
     map: Option<Grid>,
     changed: BTreeSet<TileIndex>,
     told: Instant,
     placer: Placer,
     path: Vec<[f64; 2]>,
+    /// Stamp of its first point: pieces of a path that began later are others.
+    path_begun_ns: u64,
     /// Points of the path that were sent.
     path_sent: usize,
     states: Vec<(String, u32, ServiceState)>,
@@ -40,86 +42,93 @@ pub(crate) struct Show {
 }
 
 impl Show {
-    pub(crate) fn new(channels: Channels) -> Self {
+    /// Nothing yet; the whole map will go out at most this often.
+    #[must_use]
+    pub fn new(map_every: Duration) -> Self {
         Self {
-            channels,
+            map_every,
             robot: None,
             map: None,
             changed: BTreeSet::new(),
             told: Instant::now(),
             placer: Placer::default(),
             path: Vec::new(),
+            path_begun_ns: 0,
             path_sent: 0,
             states: Vec::new(),
             stamp_ns: 0,
         }
     }
 
-    pub(crate) fn take(&mut self, stamp_ns: u64, message: Message) {
+    /// Takes what a topic says.
+    pub fn take(&mut self, stamp_ns: u64, message: Message, sink: &mut dyn Sink) {
+        let out = &mut Out(sink);
         match message {
             Message::Robot(robot) => self.robot = Some(robot),
-            Message::Estimate(estimate) => self.take_estimate(stamp_ns, &estimate),
+            Message::Estimate(estimate) => self.take_estimate(stamp_ns, &estimate, out),
             Message::Scan(readings) => self.placer.take_scan(stamp_ns, readings),
-            Message::Verdicts(verdicts) => self.judge(stamp_ns, &verdicts),
+            Message::Verdicts(verdicts) => self.judge(stamp_ns, &verdicts, out),
             Message::Tile(TileUpdate { layer: Layer::Map, index, revision, resolution_m, log_odds }) => {
                 let map = self.map.get_or_insert_with(|| Grid::new(resolution_m));
                 *map.tile_mut(index) = Tile::new(revision, log_odds);
                 self.changed.insert(index);
             }
-            Message::Info(info) => self.channels.info.log(self.stamp_ns, &info_value(&info)),
-            Message::Health(health) => self.take_health(&health),
+            Message::Info(info) => out.json(Channel::Info, self.stamp_ns, &info_value(&info)),
+            Message::Health(health) => self.take_health(&health, out),
             _ => {}
         }
     }
 
     /// Sends what may wait: the path since last, the tiles that changed, the map where that is due.
-    pub(crate) fn tell_what_is_due(&mut self, is_last: bool) {
-        self.tell_path(self.path_sent / PIECE * PIECE);
-        if self.changed.is_empty() || (!is_last && self.told.elapsed() < MAP_EVERY) {
+    pub fn tell_what_is_due(&mut self, is_last: bool, sink: &mut dyn Sink) {
+        let out = &mut Out(sink);
+        self.tell_path(self.path_sent / PIECE * PIECE, out);
+        if self.changed.is_empty() || (!is_last && self.told.elapsed() < self.map_every) {
             return;
         }
         self.told = Instant::now();
         for index in std::mem::take(&mut self.changed) {
-            self.tell_tile(index);
+            self.tell_tile(index, out);
         }
-        self.tell_map();
+        self.tell_map(out);
     }
 
     /// Somebody came who has heard nothing yet.
-    pub(crate) fn tell_all(&mut self) {
+    pub fn tell_all(&mut self, sink: &mut dyn Sink) {
+        let out = &mut Out(sink);
         self.path_sent = 0;
         for piece in (0..self.path.len()).step_by(PIECE) {
-            self.tell_path(piece);
+            self.tell_path(piece, out);
         }
         let all: Vec<TileIndex> = self.map.iter().flat_map(Grid::tiles).map(|(index, _)| index).collect();
-        all.into_iter().for_each(|index| self.tell_tile(index));
-        self.tell_map();
+        all.into_iter().for_each(|index| self.tell_tile(index, out));
+        self.tell_map(out);
     }
 
-    fn tell_tile(&self, index: TileIndex) {
+    fn tell_tile(&self, index: TileIndex, out: &mut Out<'_>) {
         let Some((map, tile)) = self.map.as_ref().and_then(|map| Some((map, map.tile(index)?))) else { return };
-        if self.channels.tiles.has_sinks() {
+        if out.wants(Channel::Tiles) {
             let cells = |column, row| tile.log_odds[(row * 64 + column) as usize];
             let grid = grid(self.stamp_ns, map.resolution_m(), index.first_cell(), [64, 64], cells);
-            self.channels.tiles.log_with_time(&grid, self.stamp_ns);
+            out.message(Channel::Tiles, self.stamp_ns, &grid);
         }
     }
 
-    fn tell_map(&self) {
+    fn tell_map(&self, out: &mut Out<'_>) {
         let Some((map, (low, high))) = self.map.as_ref().and_then(|map| Some((map, map.bounds()?))) else { return };
         let sides = [high.i.abs_diff(low.i), high.j.abs_diff(low.j)].map(|side| side.saturating_add(1));
         // Parts that lie too far apart are in the tiles.
-        if self.channels.map.has_sinks() && u64::from(sides[0]) * u64::from(sides[1]) < 1 << 26 {
+        if out.wants(Channel::Map) && u64::from(sides[0]) * u64::from(sides[1]) < 1 << 26 {
             let cells = |column: u32, row: u32| {
                 let cell = echogrid_core::CellIndex { i: low.i + column as i32, j: low.j + row as i32 };
                 map.log_odds(cell).unwrap_or(f32::NAN)
             };
-            self.channels.map.log_with_time(&grid(self.stamp_ns, map.resolution_m(), low, sides, cells), self.stamp_ns);
+            out.message(Channel::Map, self.stamp_ns, &grid(self.stamp_ns, map.resolution_m(), low, sides, cells));
         }
     }
 
     /// The piece of the path that begins at `from`.
-    fn tell_path(&mut self, from: usize) {
+    fn tell_path(&mut self, from: usize, out: &mut Out<'_>) {
         if self.path_sent >= self.path.len() {
             return;
         }
@@ -127,17 +136,17 @@ impl Show {
         self.path_sent = to;
         let points = self.path[from..to].iter().map(|at| point(*at, 0.02)).collect();
         let shape = line(LineType::LineStrip, 0.04, points, colour([44, 110, 220], 1.0));
-        let update = scene(self.stamp_ns, format!("path {from}"), vec![shape]);
-        self.channels.path.log_with_time(&update, self.stamp_ns);
+        let update = scene(self.stamp_ns, format!("path {} {from}", self.path_begun_ns), vec![shape]);
+        out.message(Channel::Path, self.stamp_ns, &update);
     }
 
-    fn take_estimate(&mut self, stamp_ns: u64, estimate: &PoseEstimate) {
+    fn take_estimate(&mut self, stamp_ns: u64, estimate: &PoseEstimate, out: &mut Out<'_>) {
         self.stamp_ns = stamp_ns;
         let PoseEstimate { estimate: at, trust, distance_m, degraded, hold, unplaced, .. } = estimate;
-        let channels = &self.channels;
         let covariance = |row, column| at.covariance[(row, column)];
         let block: Vec<f64> = (0..9).map(|number| covariance(number / 3, number % 3)).collect();
-        channels.estimate.log(
+        out.json(
+            Channel::Estimate,
             stamp_ns,
             &json!({
                 "x": at.pose.x, "y": at.pose.y, "theta": at.pose.theta, "covariance": block, "trust": trust,
@@ -157,41 +166,42 @@ impl Show {
             translation: here.position,
             rotation: here.orientation,
         };
-        channels.tf.log_with_time(&transform, stamp_ns);
+        out.message(Channel::Tf, stamp_ns, &transform);
         let in_frame = PoseInFrame { timestamp: timestamp(stamp_ns), frame_id: MAP.to_owned(), pose: Some(here) };
-        channels.pose.log_with_time(&in_frame, stamp_ns);
-        if channels.uncertainty.has_sinks() {
+        out.message(Channel::Pose, stamp_ns, &in_frame);
+        if out.wants(Channel::Uncertainty) {
             let points = ellipse(at.pose, [covariance(0, 0), covariance(0, 1), covariance(1, 1)]);
             let points = points.into_iter().map(|at| point(at, 0.03)).collect();
             let shape = line(LineType::LineLoop, 0.02, points, colour([31, 99, 224], 0.9));
-            channels.uncertainty.log_with_time(&scene(stamp_ns, "uncertainty".to_owned(), vec![shape]), stamp_ns);
+            out.message(Channel::Uncertainty, stamp_ns, &scene(stamp_ns, "uncertainty".to_owned(), vec![shape]));
         }
         let here = [at.pose.x, at.pose.y];
         if self.path.last().is_none_or(|last| (last[0] - here[0]).hypot(last[1] - here[1]) >= STEP_M) {
+            if self.path.is_empty() {
+                self.path_begun_ns = stamp_ns;
+            }
             self.path.push(here);
         }
     }
 
-    fn judge(&mut self, stamp_ns: u64, verdicts: &[(u16, Verdict)]) {
+    fn judge(&mut self, stamp_ns: u64, verdicts: &[(u16, Verdict)], out: &mut Out<'_>) {
         let Some(robot) = &self.robot else { return };
         let Some(placed) = self.placer.judge(robot, stamp_ns, verdicts) else { return };
-        let channels = &self.channels;
         let named: Vec<_> = verdicts
             .iter()
             .map(|(transducer, verdict)| json!({ "transducer": transducer, "verdict": verdict.name() }))
             .collect();
-        channels.verdicts.log(stamp_ns, &json!({ "readings": named }));
-        if channels.readings.has_sinks() {
+        out.json(Channel::Verdicts, stamp_ns, &json!({ "readings": named }));
+        if out.wants(Channel::Readings) {
             let is_shown = |placed: &&Placed| !matches!(placed.verdict, Verdict::NotSelected | Verdict::Invalid);
             let shape = |placed: &Placed| {
                 let points = outline(placed).into_iter().map(|at| point(at, 0.01)).collect();
                 line(LineType::LineStrip, 0.01, points, colour(colour_of(placed.verdict), 0.7))
             };
             let shapes = placed.iter().filter(is_shown).map(shape).collect();
-            channels.readings.log_with_time(&scene(stamp_ns, "readings".to_owned(), shapes), stamp_ns);
+            out.message(Channel::Readings, stamp_ns, &scene(stamp_ns, "readings".to_owned(), shapes));
         }
-        for (number, sensor) in robot.sensors.iter().enumerate().filter(|(_, sensor)| sensor.kind == SensorKind::Lidar)
-        {
+        for sensor in robot.sensors.iter().filter(|sensor| sensor.kind == SensorKind::Lidar) {
             let of_sensor = sensor.first_transducer..sensor.first_transducer.saturating_add(sensor.transducers);
             let mut ranges = vec![f64::NAN; usize::from(sensor.transducers)];
             for one in placed.iter().filter(|one| of_sensor.contains(&one.reading.transducer)) {
@@ -199,7 +209,6 @@ impl Show {
                     ranges[usize::from(one.reading.transducer - sensor.first_transducer)] = range_m;
                 }
             }
-            tracing::trace!(number, beams = ranges.len(), "scan");
             let last = f64::from(sensor.transducers.saturating_sub(1));
             let scan = LaserScan {
                 timestamp: timestamp(stamp_ns),
@@ -210,12 +219,13 @@ impl Show {
                 ranges,
                 intensities: Vec::new(),
             };
-            channels.scan.log_with_time(&scan, stamp_ns);
+            out.message(Channel::Scan, stamp_ns, &scan);
         }
     }
 
-    fn take_health(&mut self, health: &Health) {
-        self.channels.health.log(
+    fn take_health(&mut self, health: &Health, out: &mut Out<'_>) {
+        out.json(
+            Channel::Health,
             self.stamp_ns,
             &json!({
                 "service": health.service, "pid": health.pid, "state": format!("{:?}", health.state).to_lowercase(),
@@ -244,7 +254,7 @@ impl Show {
             file: String::new(),
             line: 0,
         };
-        self.channels.log.log_with_time(&line, self.stamp_ns);
+        out.message(Channel::Log, self.stamp_ns, &line);
     }
 }
 

@@ -1,0 +1,5 @@
+//! The recorder as a process of its own.
+
+fn main() -> std::process::ExitCode {
+    echogrid_recorder::main()
+}
