@@ -94,6 +94,9 @@ pub enum Command {
         /// Prints who reads what of whom, and in which order the services end, instead.
         #[arg(long = "graph")]
         map: bool,
+        /// Prints the JSON Schema of graph files, or of robot files, instead: editors complete and check files by it.
+        #[arg(long, value_name = "FILES", num_args = 0..=1, default_missing_value = "graph", conflicts_with_all = ["graph", "map"])]
+        schema: Option<Files>,
         /// What is set for the run.
         #[command(flatten)]
         settings: Settings,
@@ -490,6 +493,15 @@ pub struct Emulate {
 pub enum Emulated {
     /// A Pioneer, over ARCOS.
     Pioneer,
+}
+
+/// The files that settings are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Files {
+    /// Graph files.
+    Graph,
+    /// Robot files.
+    Robot,
 }
 
 /// The experiments.

@@ -5,13 +5,23 @@ use std::fmt::Write;
 use anyhow::Result;
 use echogrid_topics::Delivery;
 
-use crate::config::{Config, Exec, LoadRequest, render};
+use crate::cli::Files;
+use crate::config::{Config, Exec, LoadRequest, json_schema_of_graphs, json_schema_of_robots, render};
 use crate::supervisor::{consumers, onlookers, places};
 
 /// Prints the effective configuration, or the map of the graph.
 pub(super) fn run(request: &LoadRequest, map: bool) -> Result<()> {
     let loaded = Config::load(request)?;
     super::print(&if map { graph(loaded.config()) } else { render(&loaded) })
+}
+
+/// Prints the JSON Schema of these files.
+pub(super) fn print_schema(files: Files) -> Result<()> {
+    let schema = match files {
+        Files::Graph => json_schema_of_graphs(),
+        Files::Robot => json_schema_of_robots(),
+    };
+    super::print(&(serde_json::to_string_pretty(&schema)? + "\n"))
 }
 
 /// Who reads what of whom, and in which order the services end.

@@ -61,7 +61,8 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Up { graph, sensor, settings, view }) => {
             graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
         }
-        Some(Command::Check { graph, sensor, map, settings }) => {
+        Some(Command::Check { schema: Some(files), .. }) => check::print_schema(files),
+        Some(Command::Check { graph, sensor, map, settings, .. }) => {
             check::run(&LoadRequest { graph, sensor, ..settings.request() }, map)
         }
         Some(Command::Doctor { graph, sensor, clean, json, settings }) => {

@@ -56,6 +56,7 @@ pub use robot::builtin_robots;
 pub use robot_file::known_robots;
 pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
+pub(crate) use schema::{json_schema_of_graphs, json_schema_of_robots};
 pub use service::{Builtin, Care, Exec, Service, ServiceKind, default_services};
 pub use supervision::{Restart, Strategy, SupervisionConfig};
 pub use wiring::Wiring;

@@ -3,6 +3,7 @@
 //! Whether a value is right is decided by the types of the sections; this says why it was not.
 
 mod graph;
+mod json;
 mod robot;
 
 use serde::Serialize;
@@ -10,6 +11,7 @@ use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE, SIMULATOR, TOPIC};
+pub(crate) use json::{graph as json_schema_of_graphs, robot as json_schema_of_robots};
 pub(crate) use robot::{FOOTPRINT, LIDAR, ROBOT, SONAR, SONARS};
 
 /// A table of a file.
