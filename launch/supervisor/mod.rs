@@ -7,6 +7,8 @@
 mod child;
 mod clock;
 mod deadlines;
+mod deaths;
+mod ending;
 mod flow;
 mod janitor;
 mod policy;
@@ -26,32 +28,26 @@ use child::{Line, Process, logging_environment};
 use clock::Clock;
 use deadlines::Debt;
 use echogrid_service::signals::Signals;
-use echogrid_topics::{Health, Received, ServiceState};
+use echogrid_topics::Received;
+use ending::Ending;
 pub use flow::{Place, consumers, onlookers, places, writers};
-use janitor::{Cleaned, Janitor};
+use janitor::Janitor;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
-use policy::Decision;
 use ports::Ports;
 pub use run::{Event, Graph, Observer, Outcome, Progress};
 use systemd::Systemd;
 use unit::{Stage, Unit};
 
-use crate::config::Strategy;
-
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
-/// Likewise when a service failed, for those downstream of it.
-const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
 /// Between the last request and the kill.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 /// Progress is shown this often, and deadlines looked at.
 const TICK: Duration = Duration::from_millis(100);
 /// The rank from which services make something of what is measured, which may take long: after sensor and odometry.
 const SLOW_FROM: usize = 2;
-/// A graph that needs to be made anew more often has something else wrong with it.
-const REBUILDS_MAX: u32 = 3;
 
 /// Runs a graph to its end.
 ///
@@ -96,16 +92,6 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
     };
     supervisor.watch(observer)?;
     Ok(supervisor.finish(observer))
-}
-
-/// Why the graph is ending, and how far it has been pressed.
-#[derive(Debug)]
-struct Ending {
-    asked: Instant,
-    /// What all may take from one step forward to the next.
-    within: Duration,
-    deadline: Instant,
-    pressed: u32,
 }
 
 #[derive(Debug)]
@@ -232,97 +218,6 @@ impl<'a> Supervisor<'a> {
         Ok(())
     }
 
-    /// Ends the stream at its source; the rest drains, saves and leaves by itself.
-    fn end(&mut self, within: Duration) {
-        // After a failure a spooled run is to be resumed: nobody is to think that its stream has ended.
-        let resumable = self.failed.is_some() && self.graph.plan.synced;
-        let mut nobody_tells = false;
-        for unit in self.units.iter_mut().filter(|unit| unit.is_source()) {
-            let is_here = unit.is_here();
-            match unit.alive_mut() {
-                Some(process) if resumable => {
-                    process.kill();
-                    unit.stage = Stage::Lost;
-                }
-                Some(process) => process.ask_to_stop(),
-                // It would begin anew, and nobody would ask it to end again.
-                None if is_here => {
-                    unit.stage = Stage::Lost;
-                    nobody_tells = true;
-                }
-                None => {}
-            }
-        }
-        // Who waits to be started again would come to an end.
-        if self.failed.is_some() {
-            self.units
-                .iter_mut()
-                .filter(|unit| matches!(unit.stage, Stage::Waiting(_)))
-                .for_each(|unit| unit.stage = Stage::Lost);
-        } else if nobody_tells {
-            self.winding_down.get_or_insert(0);
-        }
-        let (asked, deadline) = (self.now, self.now + within);
-        self.ending.get_or_insert(Ending { asked, within, deadline, pressed: 0 });
-    }
-
-    /// A service of this rank is no more, and nobody downstream will hear the end of its streams.
-    fn end_after_failure(&mut self, rank: usize) {
-        self.failed = Some(self.failed.map_or(rank, |failed| failed.min(rank)));
-        self.winding_down = self.failed;
-        self.end(LEAVE_AFTER_FAILURE);
-    }
-
-    /// Who stopped the graph does not want to wait until a slow mapper has taken in all that was on its way to it.
-    fn hurry(&mut self) {
-        let Some(ending) = self.ending.as_ref().filter(|_| self.failed.is_none() && self.winding_down.is_none()) else {
-            return;
-        };
-        let sensor_runs = self.units.iter().any(|unit| unit.is_source() && unit.is_running());
-        if sensor_runs || self.now.saturating_duration_since(ending.asked) < LEAVE_WITHIN {
-            return;
-        }
-        // Who only gives on what comes to it is through with it soon; those that make something of it may be slow.
-        let is_slow = |unit: &&mut Unit| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
-        let Some(next) = self.units.iter_mut().filter(is_slow).map(|unit| unit.place.rank).min() else { return };
-        let here = self.units.iter_mut().filter(|unit| unit.is_here() && unit.place.rank == next);
-        here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Process::ask_once);
-    }
-
-    /// Those that no stream tells of its end are asked to end when all the others have: one after the other, as what one of
-    /// them writes another may read.
-    fn release_those_not_told(&mut self) {
-        let is_over = !self.units.iter().any(|unit| unit.place.is_told && unit.is_here());
-        if !is_over || !self.units.iter().any(Unit::is_here) {
-            return;
-        }
-        let (asked, within) = (self.now, LEAVE_WITHIN);
-        self.ending.get_or_insert(Ending { asked, within, deadline: asked + within, pressed: 0 });
-        for unit in self.units.iter_mut().filter(|unit| matches!(unit.stage, Stage::Waiting(_))) {
-            unit.stage = Stage::Lost;
-        }
-        let next = self.units.iter().filter(|unit| unit.is_here()).map(|unit| unit.place.rank).min();
-        let next = self.units.iter_mut().filter(|unit| Some(unit.place.rank) == next);
-        next.filter_map(Unit::alive_mut).for_each(Process::ask_once);
-    }
-
-    /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
-    /// is asked has heard the last of whoever was before it.
-    fn wind_down(&mut self) {
-        let Some(from) = self.winding_down else { return };
-        let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.place.rank > from);
-        if let Some(next) = downstream.map(|unit| unit.place.rank).min() {
-            let next = self.units.iter_mut().filter(|unit| unit.place.rank == next);
-            // Before it is ready a request would end it at once.
-            let ready = next.filter(|unit| unit.is_ready() || self.failed.is_some());
-            ready.filter_map(Unit::alive_mut).for_each(Process::ask_once);
-        } else if let Some(ending) = self.ending.as_mut().filter(|ending| ending.pressed == 0) {
-            // Those upstream wait in vain for the one that failed.
-            ending.within = ending.within.min(LAST_WORDS);
-            ending.deadline = ending.deadline.min(self.now + LAST_WORDS);
-        }
-    }
-
     fn take_messages(&mut self) -> Result<()> {
         self.ports.health.hush()?;
         let mut newcomers = false;
@@ -350,170 +245,6 @@ impl<'a> Supervisor<'a> {
             }
         }
         Ok(())
-    }
-
-    fn reap(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        let mut dead = Vec::new();
-        for (index, unit) in self.units.iter_mut().enumerate() {
-            if unit.alive_mut().map_or(Ok(false), Process::reap)? {
-                dead.push(index);
-            }
-        }
-        if !dead.is_empty() {
-            // Their last words may still be on their way.
-            self.take_messages()?;
-        }
-        for index in dead {
-            let how = self.units[index].end();
-            self.buried(index, &how, observer)?;
-        }
-        Ok(())
-    }
-
-    /// What comes after the death of a service.
-    fn buried(&mut self, index: usize, why: &str, observer: &mut dyn Observer) -> Result<()> {
-        let graph = self.graph;
-        let unit = &mut self.units[index];
-        observer.event(&Event::Ended { name: &unit.name, how: why.to_owned() });
-        if unit.process.as_ref().is_some_and(|process| process.succeeded(unit.is_source())) {
-            unit.stage = Stage::Done;
-            return self.tell_who_is_gone();
-        }
-        if !unit.place.is_told
-            && unit.process.as_ref().is_some_and(|process| process.asked > 0 && process.was_terminated())
-        {
-            // Nobody waits for it, and it went when it was asked.
-            (unit.stage, self.needs_janitor) = (Stage::Done, true);
-            return self.tell_who_is_gone();
-        }
-        self.needs_janitor = true;
-        let found_no_graph = unit.process.as_ref().is_some_and(Process::found_no_graph) && unit.failed_to_start();
-        let restart = unit.service.care.restart;
-        if self.ending.is_some()
-            && self.failed.is_none()
-            && unit.is_source()
-            && unit.process.as_ref().is_some_and(Process::was_terminated)
-        {
-            // Whoever stopped the graph told everybody (`systemctl kill`): what it had given is what there is.
-            unit.stage = Stage::Lost;
-            self.winding_down.get_or_insert(0);
-            return self.tell_who_is_gone();
-        }
-        // Until all is saved, those who are to save it are needed.
-        let is_over = self.ending.as_ref().is_some_and(|ending| {
-            let is_needed = unit.place.is_told && !unit.is_source();
-            self.failed.is_some() || ending.pressed > 0 || !is_needed || self.outcome.abandoned
-        });
-        let decision = policy::decide(graph.supervision, restart, is_over, &mut unit.recent, unit.well, self.now);
-        match decision {
-            Decision::Restart(..) if unit.process.as_ref().is_some_and(Process::failed_in_vain) => {
-                self.given_up(index, why, String::new(), observer)?;
-            }
-            Decision::Restart(after, number) => {
-                unit.restarts += 1;
-                observer.event(&Event::Restarting { name: &unit.name, why, number, after });
-                let due = self.now + after;
-                unit.stage = Stage::Waiting(due);
-                if graph.supervision.strategy == Strategy::RestForOne {
-                    self.restart_downstream(index, due);
-                }
-                if found_no_graph {
-                    self.rebuild("a service could not enter the graph three times in a row", observer)?;
-                }
-            }
-            Decision::GiveUp(policy) => {
-                let policy =
-                    if restart == crate::config::Restart::Never { String::new() } else { format!("; {policy}") };
-                self.given_up(index, why, policy, observer)?;
-            }
-            Decision::Leave => {
-                unit.stage = Stage::Lost;
-                // Who was pressed to leave is a consequence, not a cause.
-                if self.ending.as_ref().is_none_or(|ending| ending.pressed == 0) {
-                    self.outcome.failures.push(format!("{}: {why}", unit.name));
-                }
-                let rank = unit.place.rank;
-                self.end_after_failure(rank);
-            }
-        }
-        Ok(())
-    }
-
-    /// A service is not started again; the graph goes on without it if it can.
-    fn given_up(&mut self, index: usize, why: &str, policy: String, observer: &mut dyn Observer) -> Result<()> {
-        let unit = &mut self.units[index];
-        unit.stage = Stage::Lost;
-        if !unit.service.care.required {
-            return self.go_on_without(index, why, observer);
-        }
-        self.outcome.failures.push(format!("{}: {why}{policy}", unit.name));
-        let rank = unit.place.rank;
-        self.end_after_failure(rank);
-        Ok(())
-    }
-
-    /// The strategy `rest_for_one`: what is derived from a service begins where it does.
-    fn restart_downstream(&mut self, index: usize, due: Instant) {
-        let rank = self.units[index].place.rank;
-        for unit in self.units.iter_mut().filter(|unit| unit.place.rank > rank && unit.place.is_told) {
-            if let Some(process) = unit.alive_mut() {
-                process.kill();
-                unit.stage = Stage::Waiting(due);
-            }
-        }
-    }
-
-    /// Nobody is to wait for a service that is given up.
-    fn go_on_without(&mut self, index: usize, why: &str, observer: &mut dyn Observer) -> Result<()> {
-        let name = &self.units[index].name;
-        observer.event(&Event::GivenUp { name, why });
-        self.outcome.given_up.push(format!("{name}: {why}"));
-        self.tell_who_is_gone()
-    }
-
-    /// Whoever waits for one that has left need not: it may have left before it could be heard.
-    fn tell_who_is_gone(&mut self) -> Result<()> {
-        for unit in self.units.iter().filter(|unit| matches!(unit.stage, Stage::Done | Stage::Lost)) {
-            let gone = Health::new(unit.name.clone(), std::process::id(), ServiceState::Gone);
-            self.ports.word.send(0, &gone)?;
-        }
-        Ok(self.ports.word.ring()?)
-    }
-
-    fn look_at_the_janitor(&mut self, observer: &mut dyn Observer) -> Result<()> {
-        match self.janitor.as_mut().map_or(Cleaned::Done, Janitor::look) {
-            Cleaned::NotYet => return Ok(()),
-            Cleaned::Done => self.janitor = None,
-            Cleaned::Failed => {
-                self.janitor = None;
-                self.rebuild("what a dead process left could not be cleaned up", observer)?;
-            }
-        }
-        // Whoever comes next sweeps what is left of a graph that ends.
-        if std::mem::take(&mut self.needs_janitor) && self.units.iter().any(|u| matches!(u.stage, Stage::Waiting(_))) {
-            self.janitor = Some(Janitor::start(self.graph.domain.name())?);
-        }
-        Ok(())
-    }
-
-    /// Makes the shared memory of the graph anew: what was stored of each service is elsewhere.
-    fn rebuild(&mut self, why: &str, observer: &mut dyn Observer) -> Result<()> {
-        self.rebuilds += 1;
-        if self.rebuilds > REBUILDS_MAX || self.ending.is_some() {
-            self.outcome.failures.push(format!("the graph's shared memory is broken: {why}"));
-            self.end_after_failure(0);
-            return Ok(());
-        }
-        observer.event(&Event::Rebuilt { why });
-        let now = self.now;
-        for unit in &mut self.units {
-            if let Some(process) = unit.alive_mut() {
-                process.kill();
-                unit.stage = Stage::Waiting(now);
-            }
-        }
-        (self.janitor, self.needs_janitor) = (None, false);
-        self.ports.renew(self.graph)
     }
 
     fn check_deadlines(&mut self, observer: &mut dyn Observer) -> Result<()> {
