@@ -108,7 +108,7 @@ impl Scenery {
                 }
             }
             Message::Health(health) => self.take_health(health, scene),
-            Message::Odometry(_) | Message::TruePose(_) | Message::TrueWorld(_) | Message::Request(_) => {}
+            _ => {}
         }
     }
 
