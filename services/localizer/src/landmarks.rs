@@ -8,8 +8,8 @@ use echogrid_core::{Fix, Pose2, Sighting, wrap_angle};
 use echogrid_formats::localization::{Landmarks as Surveyed, Sightings, TimedSighting};
 use echogrid_topics::LocalizationRequest;
 
+use crate::answer::{Answer, NO_TRUTH, draws, nanoseconds};
 use crate::config::LocalizerConfig;
-use crate::source::{Answer, NO_TRUTH, draws, nanoseconds};
 use crate::truth::{Known, Truth};
 
 /// Why sightings that would do later don't at the start.

@@ -3,6 +3,7 @@
 //!
 //! An answer depends on the request and the stamps alone, so that a replay is rectified as the run was.
 
+mod answer;
 pub mod config;
 mod landmarks;
 mod reference;
@@ -12,13 +13,14 @@ mod truth;
 use std::collections::VecDeque;
 use std::process::ExitCode;
 
+use answer::Answer;
 use anyhow::{Context, Result};
 use config::LocalizerConfig;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, Topic};
 use serde::{Deserialize, Serialize};
-use source::{Answer, Source};
+use source::Source;
 use truth::Truth;
 
 /// What it reads. The requests end last, after the end of the truth was sent: what is read after them is read to its end.

@@ -4,8 +4,8 @@ use anyhow::{Context, Result};
 use echogrid_core::Fix;
 use echogrid_formats::localization::ReferencePath;
 
+use crate::answer::{Answer, nanoseconds};
 use crate::config::LocalizerConfig;
-use crate::source::{Answer, nanoseconds};
 
 /// A reference path.
 #[derive(Debug)]
