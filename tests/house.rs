@@ -172,7 +172,9 @@ fn every_module_begins_with_a_sentence() {
 #[test]
 fn the_core_depends_on_its_input_alone() {
     let mut wrong = Vec::new();
-    for Source { name, text } in ["core", "judge", "slam"].iter().flat_map(|room| files(&format!("shared/{room}/src"), ".rs")) {
+    for Source { name, text } in
+        ["core", "judge", "slam"].iter().flat_map(|room| files(&format!("shared/{room}/src"), ".rs"))
+    {
         for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with("//")) {
             let found = NOT_IN_CORE.iter().filter(|(word, _)| line.contains(word));
             wrong.extend(found.map(|(word, what)| format!("{name}:{}: {word} ({what})", number + 1)));

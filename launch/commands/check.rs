@@ -21,7 +21,7 @@ pub(super) fn print_schema(files: Files) -> Result<()> {
         Files::Graph => json_schema_of_graphs(),
         Files::Robot => json_schema_of_robots(),
     };
-    super::print(&(serde_json::to_string_pretty(&schema)? + "\n"))
+    super::print(&super::json_text(&schema)?)
 }
 
 /// Who reads what of whom, and in which order the services end.

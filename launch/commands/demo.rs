@@ -1,6 +1,6 @@
 //! `echogrid` without a command, and `echogrid demo`: a simulated Pioneer 3-AT maps an office floor.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use serde::Serialize;
 
 use super::{graph, score};
@@ -57,7 +57,7 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         // The map is there whether or not it can be judged.
         let judged = score::judge(&request);
         let told = Told { summary: &summary, score: judged.as_ref().ok() };
-        super::print(&format!("{}\n", serde_json::to_string_pretty(&told).context("the summary as JSON")?))?;
+        super::print(&super::json_text(&told)?)?;
         return judged.map(drop);
     }
     super::print(&summary.to_string())?;

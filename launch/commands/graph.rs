@@ -38,8 +38,7 @@ const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 /// Runs the graph that was asked for, and tells what came of it.
 pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     let summary = summary_of(request, view)?;
-    let text = if view.json { serde_json::to_string_pretty(&summary)? + "\n" } else { summary.to_string() };
-    super::print(&text)
+    super::print_found(&summary, view.json)
 }
 
 /// Runs the graph that was asked for; what came of it.

@@ -25,6 +25,7 @@ mod topic;
 mod walls;
 mod why;
 
+use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
 use std::process::ExitCode;
@@ -33,6 +34,7 @@ use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_replay::config::{LogUnit, ReplayConfig};
 use echogrid_service::{in_words, logging};
+use serde::Serialize;
 
 use crate::cli::{Cli, Command, Experiment, View};
 use crate::config::LoadRequest;
@@ -130,6 +132,16 @@ fn convert(input: &Path, output: &Path, range_unit: LogUnit) -> Result<()> {
         text += &format!("lost      {lost}\n");
     }
     print(&text)
+}
+
+/// Prints what was found: as JSON for programs, or as text for people.
+fn print_found(found: &(impl Serialize + Display), as_json: bool) -> Result<()> {
+    print(&if as_json { json_text(found)? } else { found.to_string() })
+}
+
+/// A value as JSON over several lines.
+fn json_text(value: &impl Serialize) -> Result<String> {
+    Ok(serde_json::to_string_pretty(value).context("the figures as JSON")? + "\n")
 }
 
 /// Prints to standard output; a reader that has had enough (`| head`) is no error.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use echogrid_formats::localization::{ReferencePath, Relations};
 use echogrid_slam::evaluate::{Spread, relative};
 use serde::Serialize;
@@ -63,11 +63,7 @@ pub(super) fn run(relations: &Path, path: &Path, json: bool) -> Result<()> {
         translation_m: Spread::of(&metres).into(),
         rotation_rad: Spread::of(&radians).into(),
     };
-    super::print(&if json {
-        format!("{}\n", serde_json::to_string_pretty(&found).context("the figures as JSON")?)
-    } else {
-        found.to_string()
-    })
+    super::print_found(&found, json)
 }
 
 impl fmt::Display for Found<'_> {

@@ -83,11 +83,7 @@ impl PathFigures {
 /// Judges a map, and tells what it came to.
 pub(super) fn run(request: &Request) -> Result<()> {
     let score = judge(request)?;
-    super::print(&if request.json {
-        format!("{}\n", serde_json::to_string_pretty(&score).context("the figures as JSON")?)
-    } else {
-        score.to_string()
-    })
+    super::print_found(&score, request.json)
 }
 
 /// Judges a map.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use echogrid_formats::map::{native, picture};
 use echogrid_judge::Walls;
 use serde::Serialize;
@@ -39,11 +39,7 @@ pub(super) fn run(map: &Path, within_m: f64, json: bool, picture: Option<&Path>)
         walls: &walls,
         picture,
     };
-    super::print(&if json {
-        format!("{}\n", serde_json::to_string_pretty(&found).context("the figures as JSON")?)
-    } else {
-        found.to_string()
-    })
+    super::print_found(&found, json)
 }
 
 impl fmt::Display for Found<'_> {

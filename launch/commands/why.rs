@@ -141,11 +141,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
         readings: strongest(answered.said, request.limit).iter().map(|said| line(said, &kept, first_ns)).collect(),
         sensors,
     };
-    super::print(&if request.json {
-        format!("{}\n", serde_json::to_string_pretty(&answer).context("the answer as JSON")?)
-    } else {
-        answer.to_string()
-    })
+    super::print_found(&answer, request.json)
 }
 
 fn name(sonar: Option<u16>) -> String {

@@ -22,11 +22,7 @@ use trials::Found;
 /// Makes an odometry error model, and tells how far it can be trusted.
 pub(super) fn run(request: &Calibrate) -> Result<()> {
     let report = calibrate(request)?;
-    super::print(&if request.json {
-        format!("{}\n", serde_json::to_string_pretty(&report).context("the figures as JSON")?)
-    } else {
-        report.to_string()
-    })
+    super::print_found(&report, request.json)
 }
 
 fn calibrate(request: &Calibrate) -> Result<Report> {

@@ -14,7 +14,7 @@ mod privacy;
 mod serial;
 mod user;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use echogrid_formats::log::LogSurvey;
 use serde::Serialize;
 
@@ -48,7 +48,7 @@ pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
     };
     let report = Report { fit: said.is_none(), findings };
     super::print(&if json {
-        serde_json::to_string_pretty(&report).context("the findings as JSON")? + "\n"
+        super::json_text(&report)?
     } else {
         report.findings.iter().map(ToString::to_string).collect()
     })?;

@@ -7,7 +7,7 @@ mod method;
 mod report;
 mod workload;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Result, ensure};
 use echogrid_formats::{probe_file, write_whole};
 use echogrid_judge::Quality;
 use toml::Value;
@@ -75,11 +75,7 @@ pub(super) fn run(request: &Evaluate) -> Result<()> {
     if let Some(file) = &request.out {
         write_whole(file, report.markdown().as_bytes())?;
     }
-    super::print(&if request.json {
-        format!("{}\n", serde_json::to_string_pretty(&report).context("the figures as JSON")?)
-    } else {
-        report.markdown()
-    })
+    super::print(&if request.json { super::json_text(&report)? } else { report.markdown() })
 }
 
 /// Where learning begins: what is configured.

@@ -66,7 +66,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
         variants: scores,
         sheet,
     };
-    let json = format!("{}\n", serde_json::to_string_pretty(&report).context("the figures as JSON")?);
+    let json = super::json_text(&report)?;
     write_whole(&request.out.join("scores.json"), json.as_bytes())?;
     super::print(&if request.json { json } else { report.to_string() })
 }

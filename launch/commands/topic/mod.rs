@@ -48,7 +48,7 @@ fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
                 json!({ "topic": name, "delivery": delivery, "writers": writers, "readers": readers })
             })
             .collect();
-        return super::print(&(serde_json::to_string_pretty(&topics)? + "\n"));
+        return super::print(&super::json_text(&topics)?);
     }
     let lines = topics.map(|(name, delivery, writers, readers)| {
         format!("{name:<21} {delivery:<10} {} → {}\n", writers.join(", "), readers.join(", "))
