@@ -401,7 +401,7 @@ static MAPPER: Section = Section {
             "fusion",
             &["auto", "paper", "covariance", "first_echo", "oriented"],
             "one of auto, paper, covariance, first_echo, oriented",
-            "auto: first_echo for sonars, paper for lidars; paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance; \
+            "auto: oriented for sonars, paper for lidars; paper: eqs 21 to 23, log-odds added; covariance: the same, with doubt by direction, from the pose's covariance; \
              first_echo: Bayes' rule over the cone given the map so far, likewise with doubt by direction; oriented: the same, \
              where smooth walls answer near their normal and mirror the sound away else",
         ),

@@ -245,7 +245,7 @@ impl OdometryConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fusion {
-    /// [`Fusion::FirstEcho`] for sonars; [`Fusion::Paper`] for lidars, whose beams leave nothing open that a cone does.
+    /// [`Fusion::Oriented`] for sonars; [`Fusion::Paper`] for lidars, whose beams leave nothing open that a cone does.
     Auto,
     /// The paper's model: eqs 21–23, log-odds added.
     Paper,
@@ -264,7 +264,7 @@ impl Fusion {
     #[must_use]
     pub fn of(self, kind: SensorKind) -> Self {
         match (self, kind) {
-            (Self::Auto, SensorKind::Sonar) => Self::FirstEcho,
+            (Self::Auto, SensorKind::Sonar) => Self::Oriented,
             (Self::Auto, SensorKind::Lidar) => Self::Paper,
             (rule, _) => rule,
         }
@@ -353,7 +353,7 @@ pub enum Limit {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitWord {
-    /// For a sonar the paper's 0.15 m and 4 m, for a lidar its own range limits, up to 100 m; of a footprint what the robot's says.
+    /// For a sonar the paper's 0.15 m and 4 m (its own range, up to 6 m, where walls that mirror are part of the rule), for a lidar its own range limits, up to 100 m; of a footprint what the robot's says.
     Auto,
 }
 
@@ -456,18 +456,18 @@ impl Default for MapperConfig {
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
-            oriented_detection: 0.95,
+            oriented_detection: 0.7,
             oriented_diffuse: 0.3,
-            oriented_incidence_deg: 25.0,
+            oriented_incidence_deg: 20.0,
             oriented_clutter: 0.4,
             oriented_lost: 0.8,
             oriented_clear_m: 2.5,
             oriented_doubt_floor: 0.15,
             tempering: 0.5,
             footprint_m: Limit::Word(LimitWord::Auto),
-            remap: false,
+            remap: true,
             remap_readings_max: 50_000,
-            filters: vec![Filter::Range, Filter::Selection, Filter::Stuck, Filter::Bubble],
+            filters: vec![Filter::Range, Filter::Selection, Filter::Stuck],
             filter_rings: 10,
             bubble_rings: 30,
             stuck_after_m: 0.5,

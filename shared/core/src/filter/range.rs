@@ -1,13 +1,17 @@
 //! `range`: what is nearer or farther than a sensor can tell is refused (section 4.1 of the paper).
 
 use super::channel::Channel;
-use crate::config::{ConfigError, Limit, MapperConfig};
+use crate::config::{ConfigError, Fusion, Limit, MapperConfig};
 use crate::reading::Echo;
 use crate::robot::{SensorKind, Transducer};
 use crate::verdict::Verdict;
 
 /// The paper's limits for a sonar, metres. (It prints "4 and 15 cm … respectively", which must be 15 cm and 4 m.)
 const SONAR_LIMITS_M: (f64, f64) = (0.15, 4.0);
+
+/// The farthest that a sonar is believed where the rule of fusion knows that walls mirror, metres: what is heard from there after all
+/// has come by a detour no more often than what is heard from nearer by.
+const ORIENTED_MAX_M: f64 = 6.0;
 
 /// The farthest that a lidar is believed unless it is said otherwise, metres: what a log gives as farther is mostly a code or another
 /// unit, and rays of kilometres fill the memory.
@@ -42,6 +46,9 @@ pub(crate) fn refusal(channel: &Channel, range_m: f64) -> Option<Verdict> {
 /// Nothing is left between them.
 pub(crate) fn range_limits(config: &MapperConfig, transducer: &Transducer) -> Result<(f64, f64), ConfigError> {
     let own = match transducer.kind {
+        SensorKind::Sonar if config.fusion.of(transducer.kind) == Fusion::Oriented => {
+            (SONAR_LIMITS_M.0, transducer.range_max_m.clamp(SONAR_LIMITS_M.1, ORIENTED_MAX_M))
+        }
         SensorKind::Sonar => SONAR_LIMITS_M,
         SensorKind::Lidar => (transducer.range_min_m, transducer.range_max_m.min(LIDAR_MAX_M)),
     };

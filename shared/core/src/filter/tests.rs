@@ -102,7 +102,7 @@ const CALM: [Filter; 4] = [Filter::Range, Filter::Selection, Filter::Stuck, Filt
 fn the_first_filter_that_refuses_names_the_reason() {
     let verdicts = |filters: &[Filter]| {
         let selected = MapperConfig { sonars: SonarSelection::Numbers(vec![0]), ..config(filters) };
-        Judge::new(&selected).ring(Pose2::IDENTITY, &[(1, 4.5), (1, 2.0), (0, 0.1), (99, 2.0)])
+        Judge::new(&selected).ring(Pose2::IDENTITY, &[(1, 6.5), (1, 2.0), (0, 0.1), (99, 2.0)])
     };
     let (below, above, other, no) =
         (Some(Verdict::BelowMinimum), Some(Verdict::AboveMaximum), Some(Verdict::NotSelected), Some(Verdict::Invalid));
