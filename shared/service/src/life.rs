@@ -136,7 +136,8 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;
     let mut patience = Duration::ZERO;
-    'playing: while runtime.stop().is_none() {
+    // Asked to stop, it goes on to where no consumer has more of an earlier life, at full speed.
+    'playing: while runtime.stop().is_none() || (runtime.stop() == Some(Stop::Asked) && !runtime.may_end()) {
         runtime.attend(patience).await?;
         runtime.serve(Some(made), |command| sensor.command(command))?;
         patience = Duration::ZERO;
@@ -144,7 +145,8 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
         runtime.set_note(sensor.note());
         let begun = runtime.now();
         for _ in 0..BATCH {
-            if runtime.now().saturating_duration_since(begun) >= LOOK_AFTER {
+            let is_over = runtime.stop().is_some() && runtime.may_end();
+            if is_over || runtime.now().saturating_duration_since(begun) >= LOOK_AFTER {
                 break;
             }
             while let Some(command) = runtime.order_at(made) {
@@ -173,7 +175,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
                     None => break 'playing,
                 },
             };
-            if runtime.is_catching_up() || !again.is_empty() {
+            if runtime.is_catching_up() || !again.is_empty() || runtime.stop().is_some() {
                 // Some of it was sent by an earlier process: no time is to be lost with that.
                 pace.skip_to(stamp_ns, runtime.now());
             }

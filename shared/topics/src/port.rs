@@ -61,8 +61,12 @@ pub struct Output<M = Message> {
     epoch: u64,
     life: u32,
     sequence: u64,
+    /// Stamp of the newest message, nanoseconds.
+    stamp_ns: u64,
     /// What every consumer has stored is not sent again.
     stored: u64,
+    /// Some consumer may have got all up to here from an earlier life.
+    heard: u64,
     window: Window,
     unrung: bool,
 }
@@ -116,7 +120,18 @@ impl<M> Output<M> {
         let consumers = if topic.delivery().is_stream() { consumers } else { &[] };
         let epoch = if topic.resumes() { run } else { life };
         let window = Window::new(topic, epoch, window, consumers);
-        Self { topic, carrier, epoch, life: life as u32, sequence: 0, stored: 0, window, unrung: false }
+        Self {
+            topic,
+            carrier,
+            epoch,
+            life: life as u32,
+            sequence: 0,
+            stamp_ns: 0,
+            stored: 0,
+            heard: 0,
+            window,
+            unrung: false,
+        }
     }
 
     /// The topic.
@@ -161,6 +176,20 @@ impl<M> Output<M> {
         self.topic.resumes() && self.sequence < self.stored
     }
 
+    /// An earlier life sent more than what every consumer has stored by now: nobody knows how much, but no more than their
+    /// windows let it.
+    pub fn assume_heard(&mut self) {
+        if self.topic.resumes() {
+            self.heard = self.window.furthest();
+        }
+    }
+
+    /// Whether no consumer has more than was sent so far. Who has would not take an end here for the end.
+    #[must_use]
+    pub fn may_end(&self) -> bool {
+        self.sequence >= self.heard
+    }
+
     /// Whether every consumer is done with all that was sent.
     #[must_use]
     pub fn is_drained(&self) -> bool {
@@ -188,12 +217,12 @@ impl<M> Output<M> {
         self.put(self.next_header(stamp_ns, 0), Some(message))
     }
 
-    /// Says that the stream ends here.
+    /// Says that the stream ends here, at `stamp_ns` or with its newest message, whichever is later.
     ///
     /// # Errors
     /// Shared memory refuses.
     pub fn end(&mut self, stamp_ns: u64) -> Result<(), TopicError> {
-        self.put(self.next_header(stamp_ns, END), None)
+        self.put(self.next_header(stamp_ns.max(self.stamp_ns), END), None)
     }
 
     /// Says on a relayed topic that the process `pid`, which came anew, has been told all that counts.
@@ -211,6 +240,9 @@ impl<M> Output<M> {
             self.unrung = true;
         }
         self.sequence = header.sequence;
+        if header.flags & TOLD == 0 {
+            self.stamp_ns = self.stamp_ns.max(header.stamp_ns);
+        }
         Ok(())
     }
 

@@ -42,6 +42,13 @@ impl Window {
         all.map(|all| all.into_iter().min())
     }
 
+    /// The last sequence that some consumer may have, whoever sent it: what is stored, or on its way within the window.
+    pub(crate) fn furthest(&self) -> u64 {
+        let acknowledged = self.consumers.iter().filter_map(|consumer| consumer.acknowledged);
+        let on_its_way = acknowledged.clone().min().map_or(0, |least| least.saturating_add(self.size));
+        acknowledged.max().unwrap_or(0).max(on_its_way)
+    }
+
     /// Whether every consumer is done with all up to `sequence`.
     pub(crate) fn is_drained(&self, sequence: u64) -> bool {
         self.consumers.iter().all(|consumer| consumer.acknowledged >= Some(sequence))
@@ -99,6 +106,17 @@ mod tests {
         // More than was sent can't be stored.
         window.note(&health(2, Topic::RangeScan, 7, 99), 4);
         assert!(window.is_drained(4) && window.room(4) == 10);
+    }
+
+    #[test]
+    fn what_an_earlier_producer_sent_is_stored_or_within_the_window() {
+        let mut window = Window::new(Topic::RangeScan, 7, 10, &["mapper".into(), "slam".into()]);
+        assert_eq!(window.furthest(), 0);
+        window.note(&health(1, Topic::RangeScan, 7, 3), 99);
+        window.note(&Health { service: "slam".into(), ..health(2, Topic::RangeScan, 7, 5) }, 99);
+        assert_eq!(window.furthest(), 13);
+        window.note(&Health { service: "slam".into(), ..health(2, Topic::RangeScan, 7, 40) }, 99);
+        assert_eq!(window.furthest(), 40);
     }
 
     #[test]

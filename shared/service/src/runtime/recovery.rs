@@ -10,7 +10,7 @@ use echogrid_topics::{Command, Message, Topic};
 use super::Runtime;
 use super::memory::Due;
 use crate::Service;
-use crate::store::{Measured, Moment, Spooled};
+use crate::store::{Measured, Moment, Spooled, Store};
 
 /// How long a service waits for the next word of its consumers.
 const WORD_WITHIN: Duration = Duration::from_secs(1);
@@ -102,6 +102,11 @@ impl Runtime {
             self.memory.replaying.clear();
         }
         self.resume_outputs(|topic| sent.get(&topic).copied().unwrap_or(0));
+        // What a live one had sent is in `again`.
+        let had_life = self.memory.store.as_mut().filter(|_| !is_live).map_or(Ok(false), Store::begin_life)?;
+        if had_life {
+            self.ports.sinks.iter_mut().for_each(|sink| sink.port.assume_heard());
+        }
         Ok(again)
     }
 
@@ -128,6 +133,12 @@ impl Runtime {
     #[must_use]
     pub fn is_catching_up(&self) -> bool {
         self.ports.sinks.iter().any(|sink| sink.port.is_known())
+    }
+
+    /// Whether the streams may end here: no consumer has more than that from an earlier life.
+    #[must_use]
+    pub fn may_end(&self) -> bool {
+        self.ports.sinks.iter().all(|sink| sink.port.may_end())
     }
 
     /// Whether the user ended the stream of this sensor here, in this life or an earlier one.

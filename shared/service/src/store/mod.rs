@@ -20,6 +20,9 @@ use crate::mutants::Mutant;
 /// Messages between two looks at what of a spool is stored downstream.
 const TRIM_EVERY: u64 = 256;
 
+/// Under what a sensor notes that it has begun.
+const BEGUN: &[u8] = b"begun";
+
 /// A state by its parts.
 pub type State = BTreeMap<String, Vec<u8>>;
 /// Parts that changed; none: the part is gone.
@@ -261,6 +264,18 @@ impl Store {
         Ok(generation)
     }
 
+    /// A life begins; whether there was an earlier one, which may have sent something.
+    ///
+    /// # Errors
+    /// The disk is full, or the store is broken.
+    pub fn begin_life(&mut self) -> Result<bool> {
+        let was_begun = self.shelf.get(Table::Run, BEGUN)?.is_some();
+        if !was_begun {
+            self.shelf.commit(vec![Change::put(Table::Run, BEGUN.to_vec(), Vec::new())])?;
+        }
+        Ok(was_begun)
+    }
+
     /// Its file.
     #[must_use]
     pub fn file(&self) -> &Path {
@@ -455,5 +470,13 @@ mod tests {
         std::fs::write(&file, "something else").unwrap();
         let error = format!("{:#}", Store::open(&file, 7, false, false).unwrap_err());
         assert!(error.contains("mapper.redb"), "{error}");
+    }
+
+    #[test]
+    fn a_second_life_knows_of_the_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sensor.redb");
+        let lives = [(), ()].map(|()| Store::open(&file, 7, false, false).unwrap().begin_life().unwrap());
+        assert_eq!(lives, [false, true]);
     }
 }
