@@ -234,6 +234,8 @@ impl<'a> Play<'a> {
         let Ok(run) = open_spool(&self.world, process, drive) else { return Ok(self.launcher_died(process)) };
         if run != self.run {
             (self.run, self.is_stopped) = (run, false);
+            // What lies there is of an earlier run, and the real launcher tells it from its own.
+            self.world.borrow_mut().disk.map = None;
         }
         let mut launcher = Launcher::new(&self.world, &self.bus, process, drive, run);
         while !launcher.is_over() {
