@@ -353,12 +353,32 @@ pub enum Command {
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]
         domain: Option<String>,
+        /// What only some services take.
+        #[arg(last = true, hide = true)]
+        arguments: Vec<std::ffi::OsString>,
     },
+}
+
+/// A language that layouts are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum LayoutLanguage {
+    /// A plain list.
+    Text,
+    /// A module of ctypes structures.
+    Python,
+    /// A header.
+    C,
 }
 
 /// What is shown of the topics.
 #[derive(Debug, Subcommand)]
 pub enum TopicCommand {
+    /// The layouts of all messages, for programs in other languages.
+    Layout {
+        /// In which language.
+        #[arg(long, value_name = "LANGUAGE", default_value = "text")]
+        lang: LayoutLanguage,
+    },
     /// The topics, what each promises, who writes it and who reads it.
     List {
         /// Which graph; may be left out when only one runs.

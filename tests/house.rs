@@ -26,7 +26,6 @@ const LONG_FUNCTIONS: &[(&str, &str, &str)] = &[
     ("launch/config/robot_tests.rs", "bad_robot_files", "a table of cases"),
     ("launch/config/tests.rs", "bad_graph_files", "a table of cases"),
     ("launch/summary.rs", "fmt", "one line of text after the other"),
-    ("launch/supervisor/child.rs", "start", "all that a process is given before it starts, in its order"),
     ("launch/supervisor/deaths.rs", "buried", "what is decided of a death, in its order"),
     ("shared/core/src/config.rs", "validate", "one check for each key"),
     ("shared/formats/src/log/carmen/survey.rs", "conclude", "one finding after the other"),

@@ -102,7 +102,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Topic(command)) => topic::run(&command),
         Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.
-        Some(Command::Service { name, domain }) => return service::run(&name, domain),
+        Some(Command::Service { name, domain, arguments }) => return service::run(&name, domain, arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

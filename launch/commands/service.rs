@@ -1,5 +1,6 @@
 //! `echogrid service NAME`: one service, as this process.
 
+use std::ffi::OsString;
 use std::io::Write;
 use std::process::{Command, ExitCode};
 
@@ -9,10 +10,16 @@ use echogrid_topics::Domain;
 
 use crate::config::Builtin;
 
+/// The service that a program with lines speaks through: it needs one.
+const LINES: &str = "lines";
+
 /// Runs a built-in service in the domain that the environment or `domain` names.
-pub(super) fn run(name: &str, domain: Option<String>) -> ExitCode {
+pub(super) fn run(name: &str, domain: Option<String>, arguments: Vec<OsString>) -> ExitCode {
+    if name == LINES && domain.is_none() {
+        return echogrid_lines::main(&["service", LINES, "--"], arguments);
+    }
     let Some(builtin) = Builtin::from_name(name) else {
-        let names: Vec<&str> = Builtin::ALL.into_iter().map(Builtin::name).collect();
+        let names: Vec<&str> = Builtin::ALL.into_iter().map(Builtin::name).chain([LINES]).collect();
         let _ = writeln!(std::io::stderr(), "echogrid: no service {name:?}; there are: {}", names.join(", "));
         return ExitCode::from(2);
     };

@@ -11,7 +11,7 @@ use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
 use super::schema::TOPIC;
-use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, default_services};
+use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, Speech, default_services};
 use super::suggest;
 use super::wiring::Written;
 
@@ -103,6 +103,8 @@ struct Draft {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    speaks: Option<Speech>,
+    replays: bool,
     wiring: Written,
     care: Table,
     origin: Option<Origin>,
@@ -127,6 +129,8 @@ pub(crate) fn services(
             [key] if key == "kind" => draft.kind = text().and_then(|word| ServiceKind::from_word(&word)),
             [key] if key == "exec" => draft.exec = text(),
             [key] if key == "args" => draft.args = texts(&setting.value),
+            [key] if key == "speaks" => draft.speaks = setting.value.clone().try_into().ok(),
+            [key] if key == "replays" => draft.replays = setting.value.as_bool().unwrap_or_default(),
             [key] if key == "reads" => draft.wiring.reads = Some(texts(&setting.value)),
             [key] if key == "looks_on" => draft.wiring.looks_on = Some(texts(&setting.value)),
             [key] if key == "writes" => draft.wiring.writes = Some(texts(&setting.value)),
@@ -169,7 +173,7 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         let message = "missing; expected one of sensor, odometry, localizer, mapper, publisher, other".to_owned();
         return Err(Problem { origin: draft.origin, key: format!("services.{name}.kind"), value: None, message });
     };
-    let exec = match draft.exec {
+    let exec = match &draft.exec {
         None => Exec::Builtin(kind.default_builtin().ok_or_else(|| Problem {
             origin: draft.origin.clone(),
             key: format!("services.{name}.exec"),
@@ -178,7 +182,7 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         })?),
         Some(text) => Exec::try_from(text.clone()).map_err(|why| {
             let key = format!("services.{name}.exec");
-            let hint = suggest::builtin(&text).map_or_else(String::new, |hint| format!("; {hint}"));
+            let hint = suggest::builtin(text).map_or_else(String::new, |hint| format!("; {hint}"));
             Problem {
                 origin: origins.get(&key).cloned(),
                 key,
@@ -192,7 +196,11 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         let message = format!("{exec} says itself what it reads and writes; this is for executables");
         return Err(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
     }
-    let wiring = draft.wiring.resolve(kind, &exec);
+    if let Some((key, message)) = misspoken(&draft, kind, &exec) {
+        let key = format!("services.{name}.{key}");
+        return Err(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
+    }
+    let wiring = draft.wiring.resolve(kind, &exec, draft.speaks);
     let mut care = draft.care;
     if builtin.is_some_and(Builtin::is_beside) {
         care.entry("required").or_insert(Value::Boolean(false));
@@ -203,7 +211,26 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
         value: None,
         message: error.message().replace('\n', " "),
     })?;
-    Ok(Service { kind, exec, args: draft.args, env: draft.env, wiring, care })
+    let Draft { speaks, replays, .. } = draft;
+    Ok(Service { kind, exec, args: draft.args, env: draft.env, speaks, replays, wiring, care })
+}
+
+/// What is wrong with what is said of a program that speaks, and the key that says it.
+fn misspoken(draft: &Draft, kind: ServiceKind, exec: &Exec) -> Option<(&'static str, String)> {
+    match (draft.speaks, exec) {
+        (None, _) => draft
+            .replays
+            .then(|| ("replays", "this is of programs that print lines; expected `speaks`, too".to_owned())),
+        (Some(_), Exec::Builtin(_)) => Some(("speaks", format!("{exec} speaks for itself; this is for executables"))),
+        (Some(_), _) if kind != ServiceKind::Sensor => {
+            Some(("speaks", format!("a program that prints lines is a sensor, the service is of kind {kind}")))
+        }
+        (Some(_), _) => {
+            let message =
+                "a program that prints lines writes what its lines say; this is for executables that know topics";
+            draft.wiring.key().map(|key| (key, message.to_owned()))
+        }
+    }
 }
 
 fn texts(value: &Value) -> Vec<String> {

@@ -57,7 +57,7 @@ pub use robot_file::known_robots;
 pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
 pub(crate) use schema::{json_schema_of_graphs, json_schema_of_robots};
-pub use service::{Builtin, Care, Exec, Service, ServiceKind, default_services};
+pub use service::{Builtin, Care, Exec, Service, ServiceKind, Speech, default_services};
 pub use supervision::{Restart, Strategy, SupervisionConfig};
 pub use wiring::Wiring;
 
@@ -206,7 +206,7 @@ impl Config {
         let mended = asked || self.localizer.source == Source::Operator;
         let mut sensors = self.services.values().filter(|service| service.kind == ServiceKind::Sensor);
         let is_real = sensors.any(|sensor| match sensor.exec {
-            Exec::Path(_) => true,
+            Exec::Path(_) => !sensor.replays,
             Exec::Builtin(builtin) => builtin.is_live(),
         });
         LocalizationConfig {

@@ -23,12 +23,26 @@ pub struct Service {
     /// Added to the environment.
     #[serde(default)]
     pub env: BTreeMap<String, String>,
+    /// How an executable that knows nothing of topics is understood.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speaks: Option<Speech>,
+    /// Whether a program that speaks says the same whenever it is started.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub replays: bool,
     /// What it reads and writes.
     #[serde(flatten)]
     pub wiring: Wiring,
     /// What happens when it dies, and what it may use.
     #[serde(flatten)]
     pub care: Care,
+}
+
+/// What a program prints on its standard output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Speech {
+    /// Lines as in a CARMEN log.
+    Carmen,
 }
 
 /// What happens when a service dies, and what it may use.
@@ -258,9 +272,9 @@ impl fmt::Display for Exec {
 pub fn default_services(with_localizer: bool) -> BTreeMap<String, Service> {
     let service = |kind: ServiceKind| {
         let exec = Exec::Builtin(kind.default_builtin()?);
-        let wiring = Written::default().resolve(kind, &exec);
-        let (args, env) = (Vec::new(), BTreeMap::new());
-        Some((kind.word().to_owned(), Service { kind, exec, args, env, wiring, care: Care::default() }))
+        let wiring = Written::default().resolve(kind, &exec, None);
+        let (args, env, care) = (Vec::new(), BTreeMap::new(), Care::default());
+        Some((kind.word().to_owned(), Service { kind, exec, args, env, speaks: None, replays: false, wiring, care }))
     };
     let wanted = ServiceKind::ALL.into_iter().filter(|kind| with_localizer || *kind != ServiceKind::Localizer);
     wanted.filter_map(service).collect()

@@ -112,6 +112,25 @@ fn bad_graph_files() {
         "[topics.\"map/info\"]\ntype = \"a\"\nbytes = 8",
         &["topics.\"map/info\": this is a topic of echogrid's own; a topic of yours needs another name"],
     );
+    // Programs that print lines.
+    let sensor = |keys: &str| format!("[services.sensor]\nexec = \"/bin/cat\"\n{keys}");
+    check(
+        &sensor("speaks = \"carman\""),
+        &["g.toml:3: services.sensor.speaks = \"carman\": expected carmen; did you mean \"carmen\"?"],
+    );
+    check(
+        &sensor("replays = true"),
+        &["g.toml:3: services.sensor.replays: this is of programs that print lines; expected `speaks`, too"],
+    );
+    check(
+        &sensor("speaks = \"carmen\"\nwrites = [\"range/scan\"]"),
+        &["g.toml:4: services.sensor.writes: a program that prints lines writes what its lines say"],
+    );
+    check(
+        "[services.mapper]\nexec = \"/bin/cat\"\nspeaks = \"carmen\"",
+        &["is a sensor, the service is of kind mapper"],
+    );
+    check("[services.sensor]\nspeaks = \"carmen\"", &["builtin:replay speaks for itself; this is for executables"]);
     // Types and units.
     check(
         "[mapper]\nresolution_m = \"5cm\"",

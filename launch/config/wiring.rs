@@ -4,7 +4,7 @@ use echogrid_service::Declaration;
 use echogrid_topics::Topic;
 use serde::{Deserialize, Serialize};
 
-use super::service::{Builtin, Exec, ServiceKind};
+use super::service::{Builtin, Exec, ServiceKind, Speech};
 
 /// What a service reads and writes, by the names of the topics.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -42,10 +42,11 @@ impl Written {
     }
 
     /// With what is not said as the role has it. Who says of an input whether it is waited for says it of all.
-    pub(super) fn resolve(self, kind: ServiceKind, exec: &Exec) -> Wiring {
-        let role = match exec {
-            Exec::Builtin(builtin) => Wiring::from(builtin.declaration()),
-            Exec::Path(_) => kind.wiring(),
+    pub(super) fn resolve(self, kind: ServiceKind, exec: &Exec, speaks: Option<Speech>) -> Wiring {
+        let role = match (exec, speaks) {
+            (Exec::Builtin(builtin), _) => Wiring::from(builtin.declaration()),
+            (Exec::Path(_), Some(Speech::Carmen)) => echogrid_lines::DECLARATION.into(),
+            (Exec::Path(_), None) => kind.wiring(),
         };
         let says_inputs = self.reads.is_some() || self.looks_on.is_some();
         let input = |said: Option<Vec<String>>, role| if says_inputs { said.unwrap_or_default() } else { role };

@@ -18,7 +18,7 @@ use nix::sys::signal::{Signal, kill};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, pidfd_open, prlimit, setpriority_process};
 
 use super::signs::Signs;
-use crate::config::{Care, Exec, Service};
+use crate::config::{Care, Exec, Service, Speech};
 
 /// The launcher's own executable: the one that runs, whatever lies in its place by now.
 pub(super) const OWN: &str = "/proc/self/exe";
@@ -65,14 +65,7 @@ impl Process {
         lines: &Sender<Line>,
         now: Instant,
     ) -> Result<Self> {
-        let mut command = match &service.exec {
-            Exec::Builtin(builtin) => {
-                let mut command = Command::new(OWN);
-                command.arg0(format!("echogrid-{}", builtin.name())).args(["service", builtin.name()]);
-                command
-            }
-            Exec::Path(path) => Command::new(path),
-        };
+        let mut command = command_of(service);
         command
             .args(&service.args)
             .env(DOMAIN_VARIABLE, domain)
@@ -241,6 +234,24 @@ impl Process {
 impl Drop for Process {
     fn drop(&mut self) {
         self.kill();
+    }
+}
+
+/// What is started for a service.
+fn command_of(service: &Service) -> Command {
+    let own = |name: &str| {
+        let mut command = Command::new(OWN);
+        command.arg0(format!("echogrid-{name}")).args(["service", name]);
+        command
+    };
+    match (&service.exec, service.speaks) {
+        (Exec::Builtin(builtin), _) => own(builtin.name()),
+        (Exec::Path(path), None) => Command::new(path),
+        (Exec::Path(path), Some(Speech::Carmen)) => {
+            let mut command = own("lines");
+            command.arg("--").args(service.replays.then_some(echogrid_lines::REPLAYS)).arg(path);
+            command
+        }
     }
 }
 

@@ -14,6 +14,7 @@ mod filters;
 mod frames;
 mod harness;
 mod kills;
+mod languages;
 mod live;
 mod localization;
 mod log;

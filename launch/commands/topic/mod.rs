@@ -8,16 +8,21 @@ use std::io::Write;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use echogrid_topics::{Delivery, Received, Topic};
+use echogrid_topics::{Delivery, Received, Topic, languages, wire};
 use reader::{Next, Reader};
 use serde_json::{Value, json};
 
 use super::talk;
-use crate::cli::TopicCommand;
+use crate::cli::{LayoutLanguage, TopicCommand};
 
 /// Carries out `echogrid topic …`.
 pub(super) fn run(command: &TopicCommand) -> Result<()> {
     match command {
+        TopicCommand::Layout { lang } => super::print(&match lang {
+            LayoutLanguage::Text => wire::layouts(),
+            LayoutLanguage::Python => languages::python(),
+            LayoutLanguage::C => languages::c_header(),
+        }),
         TopicCommand::List { domain, json } => list(domain.as_deref(), *json),
         TopicCommand::Echo { name, domain, count, json } => echo(named(name)?, domain.as_deref(), *count, *json),
         TopicCommand::Hz { name, domain, count, window, json } => {

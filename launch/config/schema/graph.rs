@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::robot::FILE_ENDING;
 use super::super::run::RunConfig;
-use super::super::service::{Care, ServiceKind};
+use super::super::service::{Care, ServiceKind, Speech};
 use super::super::supervision::SupervisionConfig;
 use super::super::wiring::Wiring;
 use super::{Section, Text, defaults, key, number, probe, text, words};
@@ -627,6 +627,17 @@ pub(crate) static SERVICE: Section = Section {
         text("exec", Text::MaybePath(&["/"]), "a path or builtin:NAME", "builtin:NAME, a path, or a program on PATH"),
         key("args", "a list of strings", "arguments that it gets besides"),
         key("env", "a table of strings", "environment variables that it gets besides"),
+        words(
+            "speaks",
+            &["carmen"],
+            "carmen",
+            "carmen: an executable that knows no topics and prints the lines of a CARMEN log is a sensor (docs/lines.md)",
+        ),
+        key(
+            "replays",
+            "true or false",
+            "whether it prints the same whenever it is started; else it measures what is now",
+        ),
         key(
             "reads",
             "a list of topics",
@@ -685,6 +696,8 @@ struct AsWritten {
     exec: Option<String>,
     args: Vec<String>,
     env: BTreeMap<String, String>,
+    speaks: Option<Speech>,
+    replays: bool,
     #[serde(flatten)]
     wiring: Wiring,
     #[serde(flatten)]

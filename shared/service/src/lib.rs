@@ -9,7 +9,7 @@ mod declaration;
 pub mod host;
 pub mod life;
 pub mod lifeline;
-mod live_clock;
+pub mod live_clock;
 pub mod local;
 pub mod logging;
 pub mod mutants;

@@ -16,7 +16,7 @@ const PAUSE_NS: u64 = 2_000_000_000;
 
 /// Gives the messages of a live sensor stamps that never run backwards.
 #[derive(Debug, Default)]
-pub(crate) struct LiveClock {
+pub struct LiveClock {
     /// Added to the sensor's stamps, nanoseconds.
     offset_ns: u64,
     /// Last stamp given out, and how many in a row were late, by topic.
@@ -31,7 +31,8 @@ pub(crate) struct LiveClock {
 
 impl LiveClock {
     /// The stamp for a message that the sensor gives this one.
-    pub(crate) fn stamp_ns(&mut self, topic: Topic, raw_ns: u64) -> u64 {
+    #[must_use]
+    pub fn stamp_ns(&mut self, topic: Topic, raw_ns: u64) -> u64 {
         if !topic.delivery().is_stream() {
             return raw_ns.saturating_add(self.offset_ns);
         }

@@ -7,6 +7,7 @@ pub mod control;
 pub mod declared;
 pub mod domain;
 pub mod janitor;
+pub mod languages;
 pub mod memory;
 pub mod owner;
 pub mod participant;

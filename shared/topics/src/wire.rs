@@ -120,19 +120,35 @@ wire! {
     }
 }
 
+/// A layout that is not there yet, after those of its parts.
+fn add_layout(layout: &'static Layout, all: &mut Vec<&'static Layout>) {
+    layout.fields.iter().filter_map(|field| field.part).for_each(|part| add_layout(part, all));
+    if !all.iter().any(|known| known.schema == layout.schema) {
+        all.push(layout);
+    }
+}
+
+/// The layouts of all message types, each once and after those of its parts.
+pub(crate) fn all_layouts() -> Vec<&'static Layout> {
+    let mut all = Vec::new();
+    let topics = Topic::ALL.map(|topic| topic.row().layout);
+    let orders = [ControlRequestWire::LAYOUT, ControlReplyWire::LAYOUT];
+    [Header::LAYOUT].into_iter().chain(topics).chain(orders).for_each(|layout| add_layout(layout, &mut all));
+    all
+}
+
 /// The layouts of all message types as text: `layout.txt` of this crate.
 #[must_use]
 pub fn layouts() -> String {
-    let topics = Topic::ALL.map(|topic| topic.row().layout);
-    let orders = [ControlRequestWire::LAYOUT, ControlReplyWire::LAYOUT];
-    let mut told = Vec::new();
-    [Header::LAYOUT].iter().chain(&topics).chain(&orders).map(|layout| text(layout, &mut told)).collect()
+    all_layouts().into_iter().map(text).collect()
 }
 
 /// The layout of a topic's messages as text, after those of its parts.
 #[must_use]
 pub fn layout_of(topic: Topic) -> String {
-    text(topic.row().layout, &mut Vec::new())
+    let mut all = Vec::new();
+    add_layout(topic.row().layout, &mut all);
+    all.into_iter().map(text).collect()
 }
 
 /// The bytes of a message as they lie in shared memory.
@@ -141,16 +157,11 @@ pub(crate) fn bytes_of<W: Wire>(wire: &W) -> &[u8] {
     unsafe { core::slice::from_raw_parts((&raw const *wire).cast(), size_of::<W>()) }
 }
 
-/// A layout, after those of its parts; nothing of what was `told` already.
-fn text(layout: &Layout, told: &mut Vec<&'static str>) -> String {
-    if told.contains(&layout.schema) {
-        return String::new();
-    }
-    told.push(layout.schema);
+/// A layout without those of its parts.
+fn text(layout: &Layout) -> String {
     let Layout { schema, size, align, fields } = layout;
-    let parts: String = fields.iter().filter_map(|field| field.part).map(|part| text(part, told)).collect();
     let fields = fields.iter().map(|field| format!("  {:>5} {}: {}\n", field.offset, field.name, field.ty));
-    format!("{parts}{schema} size {size} align {align}\n{}", fields.collect::<String>())
+    format!("{schema} size {size} align {align}\n{}", fields.collect::<String>())
 }
 
 /// Text padded with zeros; cut at a character where it is too long.

@@ -154,6 +154,19 @@ pub enum LogError {
         /// What was found.
         found: String,
     },
+    /// Lines that come as they are measured do not say how far a sensor can see, and nobody waits for all of them to tell.
+    #[error(
+        "{}: nothing says how far the sensor of {message} can see; print \"PARAM {param} METRES\" first, or name a robot (--robot)",
+        path.display()
+    )]
+    NoMaximum {
+        /// Who prints.
+        path: PathBuf,
+        /// The message of the sensor.
+        message: String,
+        /// The parameter that says it.
+        param: &'static str,
+    },
     /// The file has lost its end since it was surveyed.
     #[error("{}: has {left} bytes and had {surveyed} when it was surveyed: what was behind them never came", path.display())]
     Shrunk {

@@ -70,6 +70,8 @@ pub enum FaultKind {
     ChunkDamaged,
     /// A message is not what its type says, and not used.
     MessageDamaged,
+    /// Readings of a sensor that was not there when the robot was described; they are not used.
+    SensorCameLate,
 }
 
 /// What is counted, where something is said to be.
@@ -124,6 +126,7 @@ impl core::fmt::Display for FaultKind {
             Self::RecordingDamaged => "no record of a recording, nothing behind it is used",
             Self::ChunkDamaged => "chunk of messages damaged",
             Self::MessageDamaged => "message that is not what its type says",
+            Self::SensorCameLate => "readings of a sensor that the first lines did not show, not used",
         })
     }
 }
@@ -186,6 +189,11 @@ impl FaultCounter {
         let Refusal { kind, sample } = refusal;
         let place = self.place;
         self.faults.entry(kind).or_insert(Fault { kind, count: 0, first_line: line, place, sample }).count += times;
+    }
+
+    /// What was counted so far, by kind.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = &Fault> {
+        self.faults.values()
     }
 
     /// All of it, by kind.

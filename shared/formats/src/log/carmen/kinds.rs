@@ -153,6 +153,8 @@ pub(crate) struct UsedKind {
     pub(crate) offsets_ns: Vec<i32>,
     /// Infinity is no echo.
     pub(crate) is_described: bool,
+    /// Whether the log says how far the sensor can see; else that is told by all of its readings.
+    pub(crate) states_max: bool,
 }
 
 /// Which transducers the readings of a line are.
@@ -289,9 +291,10 @@ pub(crate) fn robot_and_plan(
         let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
         let offsets_ns = offsets.and_then(|all| all.split(',').map(|one| one.trim().parse().ok()).collect());
         let offsets_ns = offsets_ns.unwrap_or_default();
-        let Limits { unit_m, ceiling_m, .. } = limits;
+        let Limits { unit_m, ceiling_m, states_max, .. } = limits;
         let is_described = record.described.is_some();
-        sensors.used.insert(*kind, UsedKind { numbers, unit_m, range_min_m, ceiling_m, offsets_ns, is_described });
+        let used = UsedKind { numbers, unit_m, range_min_m, ceiling_m, offsets_ns, is_described, states_max };
+        sensors.used.insert(*kind, used);
     }
     Ok(sensors)
 }
@@ -344,6 +347,7 @@ struct Limits {
     unit_m: f64,
     range_max_m: f64,
     ceiling_m: f64,
+    states_max: bool,
 }
 
 fn limits(
@@ -364,11 +368,12 @@ fn limits(
     let stated = stated.filter(|max| max.is_finite() && *max > 0.0);
     // A log written by echogrid: its sonars hear up to the maximum, and that too.
     if let (ScanKind::Sonar, Some(max)) = (kind, stated) {
-        return Ok(Limits { unit_m: 1.0, range_max_m: max, ceiling_m: max.next_up() });
+        return Ok(Limits { unit_m: 1.0, range_max_m: max, ceiling_m: max.next_up(), states_max: true });
     }
     if record.described.is_some() {
-        let ceiling_m = record.tally.ceiling_m(stated.filter(|max| *max <= STATED_MAX_M));
-        return Ok(Limits { unit_m: 1.0, range_max_m: ceiling_m, ceiling_m });
+        let stated = stated.filter(|max| *max <= STATED_MAX_M);
+        let ceiling_m = record.tally.ceiling_m(stated);
+        return Ok(Limits { unit_m: 1.0, range_max_m: ceiling_m, ceiling_m, states_max: stated.is_some() });
     }
     let usual = stated.filter(|max| *max <= STATED_MAX_M);
     let told = record.units.unit(kind == ScanKind::Sonar, record.tally.no_echo_from(), usual);
@@ -392,7 +397,7 @@ fn limits(
         remarks.push(format!("{name}: a maximum range of {stated} m{line} is no sensor's and taken for none"));
     }
     let ceiling_m = record.tally.scaled(unit_m).ceiling_m(stated_m);
-    Ok(Limits { unit_m, range_max_m: ceiling_m, ceiling_m })
+    Ok(Limits { unit_m, range_max_m: ceiling_m, ceiling_m, states_max: stated_m.is_some() })
 }
 
 /// The sensors of one kind of message (their ranges are still to be told), and how its readings are numbered from `next` on; none

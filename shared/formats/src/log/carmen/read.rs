@@ -162,7 +162,7 @@ impl Iterator for RecordingReader {
 
 /// The events of a message, with stamps still to be put in. A scan that is not used keeps its place in the order, without
 /// events.
-fn timed_line(number: u64, message: Message<'_>, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {
+pub(super) fn timed_line(number: u64, message: Message<'_>, plan: &CarmenPlan) -> Option<TimedLine<Vec<LogEvent>>> {
     let (rank, source, stamp_ns, pose, event) = match message {
         Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns } => {
             let event = LogEvent::Odometry { stamp_ns: 0, odom_from_base, v_mps, w_radps };

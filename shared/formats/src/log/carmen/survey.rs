@@ -98,7 +98,7 @@ enum Class {
     Scan(ScanKind),
 }
 
-struct Surveyor {
+pub(super) struct Surveyor {
     faults: FaultCounter,
     skipped: BTreeMap<String, u64>,
     params: BTreeMap<String, String>,
@@ -116,7 +116,7 @@ struct Surveyor {
 }
 
 impl Surveyor {
-    fn new(options: SurveyOptions, origin: Origin) -> Self {
+    pub(super) fn new(options: SurveyOptions, origin: Origin) -> Self {
         Self {
             faults: FaultCounter::new(origin.place()),
             skipped: BTreeMap::new(),
@@ -132,7 +132,23 @@ impl Surveyor {
         }
     }
 
-    fn line(&mut self, dialect: &Dialect, line: Line<'_>) {
+    /// Damage so far, by kind.
+    pub(super) fn faults(&self) -> impl Iterator<Item = &Fault> {
+        self.faults.iter()
+    }
+
+    /// Kinds of scans so far.
+    pub(super) fn kinds(&self) -> impl Iterator<Item = ScanKind> {
+        self.kinds.keys().copied()
+    }
+
+    /// Whether poses and readings have come.
+    pub(super) fn can_map(&self) -> bool {
+        let has_poses = |kind: &ScanKind| self.events.poses(Class::Scan(*kind)) > 0;
+        !self.kinds.is_empty() && (self.events.lines(Class::Odometry) > 0 || self.kinds.keys().any(has_poses))
+    }
+
+    pub(super) fn line(&mut self, dialect: &Dialect, line: Line<'_>) {
         match line {
             Line::Bytes(number, bytes) => {
                 let unstamped = self.unstamped;
@@ -225,7 +241,7 @@ impl Surveyor {
         }
     }
 
-    fn conclude(mut self, path: &Path) -> Result<LogSurvey, LogError> {
+    pub(super) fn conclude(mut self, path: &Path) -> Result<LogSurvey, LogError> {
         self.events.finish();
         let faults = self.faults.into_faults();
         let kinds = kinds_in_use(&self.kinds);
