@@ -13,7 +13,6 @@ const LONG_FILES: &[(&str, &str)] = &[
     ("launch/cli.rs", "the command line as one declaration"),
     ("launch/config/schema/graph.rs", "every key of the graph file, one after the other"),
     ("launch/config/tests.rs", "one table of wrong graph files and what is said of each"),
-    ("shared/core/src/config.rs", "to be divided by room: odometry, mapping"),
     ("shared/core/src/kernel/oriented.rs", "one kernel, with its reference for wide apertures"),
 ];
 
@@ -27,7 +26,7 @@ const LONG_FUNCTIONS: &[(&str, &str, &str)] = &[
     ("launch/config/tests.rs", "bad_graph_files", "a table of cases"),
     ("launch/summary.rs", "fmt", "one line of text after the other"),
     ("launch/supervisor/deaths.rs", "buried", "what is decided of a death, in its order"),
-    ("shared/core/src/config.rs", "validate", "one check for each key"),
+    ("shared/core/src/config/mapper.rs", "validate", "one check for each key"),
     ("shared/formats/src/log/carmen/survey.rs", "conclude", "one finding after the other"),
     ("shared/formats/src/log/udacity/survey.rs", "survey", "one line format, read in one pass"),
     ("shared/service/src/life.rs", "play", "the life of a service, from start to end"),

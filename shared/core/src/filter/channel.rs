@@ -4,6 +4,7 @@ use super::range::{LIDAR_MAX_M, range_limits};
 use super::selection::selected;
 use crate::config::{ConfigError, MapperConfig};
 use crate::robot::{Robot, Sensor, SensorKind, Transducer};
+use crate::verdict::Verdict;
 
 /// A transducer, its range limits, and whether it is used.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +17,19 @@ pub(crate) struct Channel {
     pub(crate) min_range_m: f64,
     /// Metres.
     pub(crate) max_range_m: f64,
+}
+
+impl Channel {
+    /// Why a range is refused, if it is.
+    pub(crate) fn refusal(&self, range_m: f64) -> Option<Verdict> {
+        if range_m < self.min_range_m {
+            Some(Verdict::BelowMinimum)
+        } else if range_m > self.max_range_m {
+            Some(Verdict::AboveMaximum)
+        } else {
+            None
+        }
+    }
 }
 
 /// What the configuration says about each transducer of the robot, by index; none where it has none.

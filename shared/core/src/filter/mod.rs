@@ -25,7 +25,7 @@ mod tests;
 
 pub(crate) use channel::{Channel, channels};
 use claim::Claim;
-pub(crate) use range::{range_of, refusal as range_refusal};
+pub(crate) use range::range_of;
 use ring::{Past, Ring};
 use serde::{Deserialize, Serialize};
 use stuck::Health;
@@ -173,7 +173,7 @@ fn heard<'a>(channels: &'a [Option<Channel>], reading: &Reading) -> Result<(&'a 
 /// Why a filter that looks at one reading only refuses it, if it does.
 fn alone(filter: Filter, channel: &Channel, range_m: f64) -> Option<Verdict> {
     match filter {
-        Filter::Range => range::refusal(channel, range_m),
+        Filter::Range => channel.refusal(range_m),
         Filter::Selection => (!channel.selected).then_some(Verdict::NotSelected),
         Filter::Stuck | Filter::Lone | Filter::Bubble => None,
     }

@@ -1,6 +1,5 @@
 //! `range`: what is nearer or farther than a sensor can tell is refused (section 4.1 of the paper).
 
-use super::channel::Channel;
 use crate::config::{ConfigError, Fusion, Limit, MapperConfig};
 use crate::reading::Echo;
 use crate::robot::{SensorKind, Transducer};
@@ -26,17 +25,6 @@ pub(crate) fn range_of(echo: Echo) -> Result<f64, Verdict> {
         Echo::Hit { range_m } if range_m.is_finite() && range_m > 0.0 => Ok(range_m),
         Echo::NoEcho => Err(Verdict::NoEcho),
         Echo::Hit { .. } | Echo::Invalid => Err(Verdict::Invalid),
-    }
-}
-
-/// Why a range is refused, if it is.
-pub(crate) fn refusal(channel: &Channel, range_m: f64) -> Option<Verdict> {
-    if range_m < channel.min_range_m {
-        Some(Verdict::BelowMinimum)
-    } else if range_m > channel.max_range_m {
-        Some(Verdict::AboveMaximum)
-    } else {
-        None
     }
 }
 

@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::filter::range_refusal;
 use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{Grid, Mark, TileIndex};
 use crate::parts::{Parts, Saved, SavedError};
@@ -59,7 +58,7 @@ impl SonarMaps {
             Err(_) => return,
         };
         let (Some(sonar), Some(range_m)) = (sounding.channel.sonar, sounding.range_m) else { return };
-        if self.is_limited && range_refusal(&sounding.channel, range_m).is_some() {
+        if self.is_limited && sounding.channel.refusal(range_m).is_some() {
             return;
         }
         let empty = || SonarMap { grid: Grid::new(self.resolution_m), taken: Mark::default() };
