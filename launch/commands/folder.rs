@@ -2,22 +2,49 @@
 
 use std::fs::{self, File};
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
+use echogrid_formats::sweep_unfinished;
 use nix::errno::Errno;
 use nix::fcntl::{Flock, FlockArg};
 use nix::sys::stat::{major, minor};
 
-/// Takes a folder for as long as what is given back is kept; a lock on the folder itself, which goes with its holder however
-/// that ends. None where the file system knows no locks.
+/// A folder that is ours.
+#[derive(Debug)]
+pub(super) struct Taken {
+    folder: PathBuf,
+    /// None where the file system knows no locks.
+    lock: Option<Flock<File>>,
+}
+
+impl Taken {
+    /// Removes what was begun here by processes that were killed.
+    fn sweep(&self) {
+        // Without the lock another graph may be about to write it. What can't be removed costs nothing but its room.
+        if self.lock.is_some()
+            && let Err(error) = sweep_unfinished(&self.folder)
+        {
+            tracing::debug!(%error, folder = %self.folder.display(), "files in the making are left");
+        }
+    }
+}
+
+impl Drop for Taken {
+    fn drop(&mut self) {
+        self.sweep();
+    }
+}
+
+/// Takes a folder for as long as what is given back is kept, which must outlive all who write there; a lock on the folder
+/// itself, which goes with its holder however that ends. What killed processes had begun to write is removed, now and then.
 ///
 /// # Errors
 /// Another graph saves there.
-pub(super) fn take(folder: &Path) -> Result<Option<Flock<File>>> {
+pub(super) fn take(folder: &Path) -> Result<Taken> {
     let opened = File::open(folder).with_context(|| folder.display().to_string())?;
-    match Flock::lock(opened, FlockArg::LockExclusiveNonblock) {
-        Ok(lock) => Ok(Some(lock)),
+    let lock = match Flock::lock(opened, FlockArg::LockExclusiveNonblock) {
+        Ok(lock) => Some(lock),
         Err((opened, Errno::EWOULDBLOCK)) => {
             let holder = holder(&opened).map_or(String::new(), |pid| format!(" (process {pid})"));
             bail!(
@@ -25,8 +52,11 @@ pub(super) fn take(folder: &Path) -> Result<Option<Flock<File>>> {
                 folder.display()
             )
         }
-        Err(_) => Ok(None),
-    }
+        Err(_) => None,
+    };
+    let taken = Taken { folder: folder.into(), lock };
+    taken.sweep();
+    Ok(taken)
 }
 
 /// The process that holds the lock, as the system lists them.
@@ -47,10 +77,16 @@ mod tests {
     fn a_folder_has_one_graph() {
         let folder = tempfile::tempdir().unwrap();
         let first = take(folder.path()).unwrap();
-        assert!(first.is_some());
+        assert!(first.lock.is_some());
         let error = take(folder.path()).unwrap_err().to_string();
         assert!(error.contains("another graph saves its map there") && error.contains("--out"), "{error}");
         drop(first);
-        assert!(take(folder.path()).unwrap().is_some());
+        let part = folder.path().join(".echogrid-Ab12.part");
+        std::fs::write(&part, "half").unwrap();
+        let second = take(folder.path()).unwrap();
+        assert!(second.lock.is_some() && !part.exists());
+        std::fs::write(&part, "half").unwrap();
+        drop(second);
+        assert!(!part.exists());
     }
 }

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use echogrid_formats::sweep_unfinished;
 use echogrid_service::store::Store;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
@@ -105,8 +106,8 @@ impl Spool {
 
     /// Removes what there is of it; last what says so.
     fn sweep(&self) -> Result<()> {
+        sweep_unfinished(&self.folder).with_context(|| self.folder.display().to_string())?;
         let mut files = stores(&self.folder)?;
-        files.extend(unfinished(&self.folder)?);
         files.push(self.folder.join(RUN_FILE));
         for file in files {
             std::fs::remove_file(&file).with_context(|| file.display().to_string())?;
@@ -127,16 +128,6 @@ fn stores(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut stores: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_store).collect();
     stores.sort();
     Ok(stores)
-}
-
-/// What launchers had begun to write when they were killed.
-fn unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
-    let entries = std::fs::read_dir(folder).with_context(|| folder.display().to_string())?;
-    let is_part = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        name.starts_with(".echogrid-") && name.ends_with(".part")
-    };
-    Ok(entries.flatten().map(|entry| entry.path()).filter(is_part).collect())
 }
 
 /// The first key that differs, and how.

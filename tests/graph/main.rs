@@ -4,6 +4,7 @@
 
 mod bad_input;
 mod calibrate;
+mod cuts;
 mod demo;
 mod disk_full;
 mod doctor;

@@ -38,4 +38,4 @@ pub mod world;
 pub use bounded::{open_regular, read_at_most};
 pub use foreign::Foreign;
 pub use text::{TextError, TextFileError};
-pub use whole_file::{WriteError, probe_file, write_whole};
+pub use whole_file::{WriteError, probe_file, sweep_unfinished, write_whole};

@@ -1,10 +1,14 @@
 //! Files that are written whole or not at all.
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
+
+/// How a file in the making is called.
+const PREFIX: &str = ".echogrid-";
+const SUFFIX: &str = ".part";
 
 /// Why a file could not be written. What stood at its path before still stands there.
 #[derive(Debug, thiserror::Error)]
@@ -36,7 +40,7 @@ impl WholeFile {
             return Err(WriteError { path: path.to_path_buf(), doing: "looking at it", source });
         }
         let mut builder = tempfile::Builder::new();
-        builder.prefix(".echogrid-").suffix(".part");
+        builder.prefix(PREFIX).suffix(SUFFIX);
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt as _;
@@ -44,6 +48,8 @@ impl WholeFile {
             builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         let temporary = builder.tempfile_in(folder(path)).map_err(fail)?;
+        // Tells that somebody is at it; where the file system knows no locks, nobody is told.
+        let _ = temporary.as_file().try_lock();
         Ok(Self { path: path.to_path_buf(), temporary: BufWriter::with_capacity(1 << 16, temporary) })
     }
 
@@ -100,6 +106,31 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), WriteError> {
     let mut file = WholeFile::create(path)?;
     file.write_all(bytes).map_err(|source| file.failed(source))?;
     file.commit()
+}
+
+/// Removes the files in the making that lie in a folder, and that nobody is at any more: their processes were killed. How many.
+///
+/// # Errors
+/// The folder can't be read, or one of them can't be removed.
+pub fn sweep_unfinished(folder: &Path) -> io::Result<usize> {
+    let mut swept = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if !(name.starts_with(PREFIX) && name.ends_with(SUFFIX) && entry.file_type()?.is_file()) {
+            continue;
+        }
+        let is_held = matches!(File::open(entry.path()).map(|file| file.try_lock()), Ok(Err(TryLockError::WouldBlock)));
+        if !is_held {
+            match std::fs::remove_file(entry.path()) {
+                // Another sweeps here, too.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
+                outcome => outcome.map(|()| swept += 1)?,
+            }
+        }
+    }
+    Ok(swept)
 }
 
 /// Whether a file can be written, as far as it can be known before: for whoever works long for what it will hold.
@@ -170,6 +201,20 @@ mod tests {
         assert!(error.contains("map.png") && error.contains("a folder of this name"), "{error}");
         probe_file(&folder.path().join("map.pgm")).unwrap();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn what_a_killed_process_had_begun_is_swept_and_what_a_living_one_writes_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(".echogrid-Ab12.part"), "half").unwrap();
+        std::fs::write(folder.path().join("mine.part"), "not ours").unwrap();
+        let mut file = WholeFile::create(&folder.path().join("map")).unwrap();
+        file.write_all(b"new").unwrap();
+        assert_eq!(sweep_unfinished(folder.path()).unwrap(), 1);
+        file.commit().unwrap();
+        assert_eq!(std::fs::read(folder.path().join("map")).unwrap(), b"new");
+        assert_eq!(sweep_unfinished(folder.path()).unwrap(), 0);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 
     #[test]

@@ -76,7 +76,7 @@ pub(crate) fn sweep(domain: &Domain) {
 }
 
 /// Processes started by the launcher of a domain: they carry its name in their environment.
-fn processes(domain: &Domain) -> Vec<(i32, String)> {
+pub(crate) fn processes(domain: &Domain) -> Vec<(i32, String)> {
     let mark = format!("{DOMAIN_VARIABLE}={}", domain.name());
     let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
     entries

@@ -25,6 +25,7 @@
 //! - a topic: [`GraphProcess::garbage`] writes nonsense into it, [`GraphProcess::slow_reader`] reads it far too slowly;
 //! - the machine: [`namespace`] gives a test a disk and a shared memory of its own, [`disk::fill`] fills them.
 
+pub mod cut;
 pub mod disk;
 mod ended;
 pub mod fault;
