@@ -21,6 +21,8 @@ use crate::wire::{ZeroCopySend, bytes_to_text, text_to_bytes, wire};
 
 const REQUEST: usize = 0;
 const REPLY: usize = 1;
+/// A process that has not answered may be dead: so soon the next one hears the order, too.
+const REPEAT_AFTER: Duration = Duration::from_secs(1);
 /// Clients at a time, and as many as may be left of crashed ones.
 const CLIENTS: usize = 8;
 
@@ -158,17 +160,20 @@ impl ControlServer {
         unsafe { BorrowedFd::borrow_raw(self.listener.file_descriptor().native_handle()) }
     }
 
-    /// Answers the orders that have come; `carry_out` says what was done, or why not.
+    /// Answers the orders that have come; `carry_out`, which hears the number of the order, too, says what was done, or why not.
     ///
     /// # Errors
     /// Shared memory refuses.
-    pub fn serve(&mut self, mut carry_out: impl FnMut(Command) -> Result<String, String>) -> Result<(), TopicError> {
+    pub fn serve(
+        &mut self,
+        mut carry_out: impl FnMut(u64, Command) -> Result<String, String>,
+    ) -> Result<(), TopicError> {
         self.listener.try_wait(|_| {}).map_err(|e| failed("draining its event", e))?;
         while let Some(request) = self.server.receive().map_err(|e| failed("receiving", e))? {
             let ControlRequestWire { id, command, .. } = *request;
             let reply = self.last.filter(|last| last.id == id).unwrap_or_else(|| {
                 let result = match Command::of(&request) {
-                    Some(command) => carry_out(command),
+                    Some(command) => carry_out(id, command),
                     None => Err(format!("command {command} is not known here")),
                 };
                 let (done, text) = match result {
@@ -185,10 +190,11 @@ impl ControlServer {
     }
 }
 
-/// Tells `service` to carry out `command` and waits for its answer: what was done, or why not.
+/// Tells `service` to carry out `command` and waits for its answer: what was done, or why not. Should its process die, the
+/// next one is told, too; it is carried out once.
 ///
 /// # Errors
-/// There is no such service in the graph, it does not answer within `patience`, or shared memory refuses.
+/// There is no such service in the graph, it does not answer within `patience`, the graph has ended, or shared memory refuses.
 pub fn order(
     participant: &Participant,
     service: &str,
@@ -204,19 +210,29 @@ pub fn order(
         .create()
         .map_err(|e| failed("asking", e))?;
     let request = command.request(new_id());
-    let pending = client.send_copy(request).map_err(|e| failed("asking", e))?;
-    notifier(&events, REQUEST)?.notify().map_err(|e| failed("notifying", e))?;
+    let bell = notifier(&events, REQUEST)?;
     let deadline = Instant::now() + patience;
     loop {
-        if let Some(reply) = pending.receive().map_err(|e| failed("receiving", e))? {
-            let text = bytes_to_text(&reply.text);
-            return Ok(if reply.done == 1 { Ok(text) } else { Err(text) });
+        let pending = client.send_copy(request).map_err(|e| failed("asking", e))?;
+        bell.notify().map_err(|e| failed("notifying", e))?;
+        let repeat = deadline.min(Instant::now() + REPEAT_AFTER);
+        loop {
+            if let Some(reply) = pending.receive().map_err(|e| failed("receiving", e))? {
+                let text = bytes_to_text(&reply.text);
+                return Ok(if reply.done == 1 { Ok(text) } else { Err(text) });
+            }
+            let left = repeat.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                break;
+            }
+            listener.timed_wait(|_| {}, left).map_err(|e| failed("waiting", e))?;
         }
-        let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() {
+        if !participant.domain().has_launcher() {
+            return Err(failed("asking", format!("the graph has ended, and {service} has not answered")));
+        }
+        if Instant::now() >= deadline {
             return Err(failed("asking", format!("{service} has not answered within {} s", patience.as_secs())));
         }
-        listener.timed_wait(|_| {}, left).map_err(|e| failed("waiting", e))?;
     }
 }
 

@@ -69,6 +69,7 @@ pub enum TopicError {
 /// A process in a domain.
 #[derive(Debug)]
 pub struct Participant {
+    domain: Domain,
     node: Node<ipc::Service>,
     // After the node: who holds no membership any more has left shared memory.
     _membership: Membership,
@@ -82,7 +83,12 @@ impl Participant {
     pub fn join(domain: &Domain, name: &str) -> Result<Self, TopicError> {
         let membership = domain.join()?;
         let node = make_node(domain, name)?;
-        Ok(Self { node, _membership: membership })
+        Ok(Self { domain: domain.clone(), node, _membership: membership })
+    }
+
+    /// Where it is.
+    pub(crate) fn domain(&self) -> &Domain {
+        &self.domain
     }
 
     pub(crate) fn node(&self) -> &Node<ipc::Service> {

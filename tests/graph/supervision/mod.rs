@@ -6,6 +6,7 @@ mod given_up;
 mod graph_file;
 mod limits;
 mod live;
+mod orders;
 mod sensors;
 mod signals;
 mod stopped;

@@ -24,6 +24,9 @@ const SOON: u64 = 8;
 /// A service that is busy stores when that is this share.
 const LATE: u64 = 2;
 
+/// As many people as can give orders at the same time.
+const ORDERS_KNOWN: usize = 8;
+
 /// Whether it is time to store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Due {
@@ -42,6 +45,8 @@ pub(crate) struct Memory {
     pub(crate) generations: VecDeque<(u64, Moment)>,
     /// What took effect in an earlier life after what was gone back to.
     pub(crate) replaying: VecDeque<Entry>,
+    /// The numbers of the latest orders that were carried out, in whichever life.
+    pub(crate) orders: VecDeque<u64>,
     stored_at: Instant,
     /// Number of the next message of a live sensor.
     pub(crate) spooled: u64,
@@ -56,6 +61,7 @@ impl Memory {
             store,
             generations: VecDeque::new(),
             replaying: VecDeque::new(),
+            orders: VecDeque::new(),
             stored_at: now,
             spooled: 0,
             ends_at: None,
@@ -107,9 +113,19 @@ impl Memory {
             return None;
         }
         match self.replaying.pop_front()?.what {
-            Unrepeatable::Command(command) => Some(command),
+            Unrepeatable::Command(_, command) => Some(command),
             Unrepeatable::Robot(_) | Unrepeatable::Fix(_) | Unrepeatable::End => None,
         }
+    }
+
+    /// The orders that had been carried out by a moment, and those that are carried out again after it.
+    pub(crate) fn know_orders(&mut self, moment: &Moment) {
+        let again = self.replaying.iter().filter_map(|entry| match entry.what {
+            Unrepeatable::Command(order, _) => Some(order),
+            _ => None,
+        });
+        let all: Vec<u64> = moment.orders.iter().copied().chain(again).collect();
+        all.into_iter().for_each(|order| self.know_order(order));
     }
 
     /// Writes down what will not come again, before it takes effect.
@@ -124,9 +140,19 @@ impl Memory {
     }
 
     /// Likewise an order of the user.
-    pub(crate) fn write_down_order(&mut self, at: &[u64], stamp_ns: u64, command: Command) -> Result<()> {
-        let what = Unrepeatable::Command(command);
-        self.store.as_mut().map_or(Ok(()), |store| store.write_down(&Entry { at: at.to_vec(), stamp_ns, what }))
+    pub(crate) fn write_down_order(&mut self, at: &[u64], stamp_ns: u64, order: u64, command: Command) -> Result<()> {
+        let what = Unrepeatable::Command(order, command);
+        self.store.as_mut().map_or(Ok(()), |store| store.write_down(&Entry { at: at.to_vec(), stamp_ns, what }))?;
+        self.know_order(order);
+        Ok(())
+    }
+
+    /// An order was carried out: whoever gives it again did not hear the answer.
+    pub(crate) fn know_order(&mut self, order: u64) {
+        self.orders.push_back(order);
+        if self.orders.len() > ORDERS_KNOWN {
+            self.orders.pop_front();
+        }
     }
 
     /// Takes what is written down of a sensor: its orders, and where the user ended its stream.
@@ -138,6 +164,7 @@ impl Memory {
                 _ => self.replaying.push_back(entry),
             }
         }
+        self.know_orders(&Moment::default());
         Ok(())
     }
 
@@ -181,7 +208,8 @@ impl Memory {
         self.drop_older(ports);
         let oldest = self.generations.front().map_or(0, |(generation, _)| *generation);
         let Some(store) = &mut self.store else { return Ok(()) };
-        let moment = Moment { journal: store.entries(), ..moment(ports, vitals) };
+        let orders = self.orders.iter().copied().collect();
+        let moment = Moment { journal: store.entries(), orders, ..moment(ports, vitals) };
         let generation = store
             .store(&moment, parts.into_changes(), oldest)
             .with_context(|| format!("storing the state of this service in {}", store.file().display()))?;
@@ -232,6 +260,7 @@ fn moment(ports: &Ports, vitals: &Vitals) -> Moment {
         read: ports.sources.iter().filter(|source| source.resumes()).map(read).collect(),
         written: sinks.map(|sink| (sink.port.topic() as u32, sink.port.sequence())).collect(),
         journal: 0,
+        orders: Vec::new(),
         progress: vitals.progress,
         stamp_ns: vitals.stamp_ns,
         first_stamp_ns: vitals.first_stamp_ns,

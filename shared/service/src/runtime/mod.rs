@@ -139,7 +139,7 @@ impl Runtime {
         let (topic, message) = match entry.what {
             Unrepeatable::Robot(robot) => (Topic::RobotDescription, Message::Robot(robot)),
             Unrepeatable::Fix(fix) => (Topic::LocalizationFix, Message::Fix(fix)),
-            Unrepeatable::Command(command) => return Some(Taken::Command(command)),
+            Unrepeatable::Command(_, command) => return Some(Taken::Command(command)),
             // A sensor's alone, which takes nothing.
             Unrepeatable::End => return None,
         };
@@ -196,13 +196,18 @@ impl Runtime {
         let at = at.map_or_else(|| self.ports.position(), |at| vec![at]);
         let Some(orders) = &mut self.orders else { return Ok(()) };
         let (memory, stamp_ns) = (&mut self.memory, self.vitals.stamp_ns);
-        let mut write_down = |command: Command| match command {
+        let mut known = memory.orders.clone();
+        let mut write_down = |order, command: Command| match command {
             // It changes no map.
             Command::Save | Command::Tiles => Ok(()),
-            _ => memory.write_down_order(&at, stamp_ns, command),
+            _ => memory.write_down_order(&at, stamp_ns, order, command),
         };
-        Ok(orders.serve(&mut |command| {
-            let done = write_down(command).and_then(|()| carry_out(command));
+        Ok(orders.serve(&mut |order, command| {
+            if known.contains(&order) {
+                return Ok("told before this process was started, in place of another; it counts".into());
+            }
+            known.push_back(order);
+            let done = write_down(order, command).and_then(|()| carry_out(command));
             done.map_err(|error| in_words(&error))
         })?)
     }

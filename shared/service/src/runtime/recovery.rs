@@ -50,6 +50,7 @@ impl Runtime {
                 tracing::info!(messages = moment.progress, orders, "restarted: goes on where an earlier process was");
             }
         }
+        self.memory.know_orders(&moment);
         self.go_to(&moment);
         self.memory.generations.extend(latest);
         if self.memory.generations.is_empty() && self.memory.replaying.is_empty() {

@@ -60,6 +60,8 @@ pub struct Moment {
     pub first_stamp_ns: Option<u64>,
     /// Messages refused.
     pub faults: u64,
+    /// Numbers of the latest orders that had been carried out.
+    pub orders: Vec<u64>,
 }
 
 impl Moment {
@@ -76,8 +78,8 @@ pub enum Unrepeatable {
     Robot(Robot),
     /// Likewise.
     Fix(LocalizationFix),
-    /// An order of the user.
-    Command(Command),
+    /// An order of the user, and its number: whoever did not hear the answer gives it again.
+    Command(u64, Command),
     /// The user ended the run: a sensor's streams end here.
     End,
 }
@@ -380,7 +382,7 @@ mod tests {
     }
 
     fn entry(at: u64) -> Entry {
-        Entry { at: vec![at], stamp_ns: 0, what: Unrepeatable::Command(Command::Pause) }
+        Entry { at: vec![at], stamp_ns: 0, what: Unrepeatable::Command(at, Command::Pause) }
     }
 
     #[test]

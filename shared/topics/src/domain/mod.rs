@@ -55,6 +55,11 @@ pub struct Domain {
 }
 
 impl Domain {
+    /// Whether a launcher has it now.
+    pub(crate) fn has_launcher(&self) -> bool {
+        survey::is_owned(self)
+    }
+
     /// The domain of this name.
     ///
     /// # Errors

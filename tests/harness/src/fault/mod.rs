@@ -27,7 +27,7 @@ use echogrid_service::{Plan, in_words};
 use echogrid_topics::{Domain, Topic};
 use nix::sys::signal::{SigHandler, SigSet, Signal, signal};
 
-pub use mode::{Mode, WORLD_VARIABLE};
+pub use mode::{GATE_VARIABLE, Mode, WORLD_VARIABLE};
 
 /// What the process does: of the program `echogrid-fault`, or of one of your own.
 #[must_use]

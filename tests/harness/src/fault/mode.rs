@@ -2,6 +2,8 @@
 
 /// Names the file that says how far the robot of [`Mode::Live`] is: the number of the step, as text.
 pub const WORLD_VARIABLE: &str = "ECHOGRID_FAULT_WORLD";
+/// Names the file that a sensor of [`Mode::Gated`] waits for.
+pub const GATE_VARIABLE: &str = "ECHOGRID_FAULT_GATE";
 
 /// What `echogrid-fault` does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,6 +23,8 @@ pub enum Mode {
     /// A sensor that measures what will not be there again, and aborts after so many messages, in each of its lives. How far
     /// the robot is in the world is in the file that [`WORLD_VARIABLE`] names.
     Live,
+    /// A sensor that waits, after so many messages, until the file is there that [`GATE_VARIABLE`] names.
+    Gated,
     /// A sensor that is ready, and lives, and never says a word.
     Silent,
     /// A sensor that sends as many messages as it is told to, whether anybody keeps up or not.
@@ -45,7 +49,7 @@ pub enum Mode {
 
 impl Mode {
     /// All of them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Good,
         Self::AlwaysCrash,
         Self::CrashLate,
@@ -53,6 +57,7 @@ impl Mode {
         Self::HangAfterReady,
         Self::IgnoresSigterm,
         Self::Live,
+        Self::Gated,
         Self::Silent,
         Self::Flooding,
         Self::WrongEpoch,
@@ -76,6 +81,7 @@ impl Mode {
             Self::HangAfterReady => "hang-after-ready",
             Self::IgnoresSigterm => "ignores-sigterm",
             Self::Live => "live",
+            Self::Gated => "gated",
             Self::Silent => "silent",
             Self::Flooding => "flooding",
             Self::WrongEpoch => "wrong-epoch",

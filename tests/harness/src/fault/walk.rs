@@ -6,6 +6,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use echogrid_core::{Echo, Footprint, Pose2, Reading, Robot, Sensor as Sonar, SensorKind};
@@ -13,7 +14,7 @@ use echogrid_service::{Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic};
 
 use super::halt::Ear;
-use super::{Mode, WORLD_VARIABLE, go_deaf, strike};
+use super::{GATE_VARIABLE, Mode, WORLD_VARIABLE, go_deaf, strike};
 
 /// Steps of the walk.
 pub const STEPS: u64 = 400;
@@ -23,6 +24,8 @@ pub const MESSAGES: u64 = 1 + 2 * STEPS;
 pub const GARBLED_EVERY: u64 = 20;
 pub(super) const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
 
+/// Between two looks at a gate.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
 const STEP_NS: u64 = 100_000_000;
 const STEP_M: f64 = 0.02;
 /// From the axis of the corridor to its walls.
@@ -82,6 +85,8 @@ struct Walk {
     world: Option<PathBuf>,
     /// Tells when to halt; none: after [`STEPS`].
     ear: Option<Ear>,
+    /// What it waits for after the messages before it.
+    gate: Option<PathBuf>,
 }
 
 impl Sensor for Walk {
@@ -91,6 +96,14 @@ impl Sensor for Walk {
 
     fn is_live(&self) -> bool {
         self.mode == Mode::Live
+    }
+
+    fn is_ready(&mut self) -> Result<bool> {
+        let is_shut = self.given >= self.after && self.gate.as_ref().is_some_and(|gate| !gate.exists());
+        if is_shut {
+            std::thread::sleep(LOOK_EVERY);
+        }
+        Ok(!is_shut)
     }
 
     fn next(&mut self) -> Result<Option<(u64, Message)>> {
@@ -125,8 +138,9 @@ pub(super) fn run(mode: Mode, after: u64) -> ExitCode {
         let world = if mode == Mode::Live { Some(world()?) } else { None };
         let step = world.as_deref().map_or(Ok(0), steps_done)?;
         let ear = (mode == Mode::WalksUntilTold).then(|| Ear::open(plan)).transpose()?;
+        let gate = std::env::var_os(GATE_VARIABLE).map(PathBuf::from).filter(|_| mode == Mode::Gated);
         let outbox = VecDeque::from([(0, Message::Robot(robot()))]);
-        Ok(Walk { mode, after, given: 0, step, outbox, world, ear })
+        Ok(Walk { mode, after, given: 0, step, outbox, world, ear, gate })
     })
 }
 
