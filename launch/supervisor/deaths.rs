@@ -155,14 +155,23 @@ impl Supervisor<'_> {
         match self.janitor.as_mut().map_or(Cleaned::Done, Janitor::look) {
             Cleaned::NotYet => return Ok(()),
             Cleaned::Done => self.janitor = None,
+            Cleaned::Failed if self.janitor.as_ref().is_some_and(|janitor| !janitor.is_for_services) => {
+                self.janitor = None;
+            }
             Cleaned::Failed => {
                 self.janitor = None;
                 self.rebuild("what a dead process left could not be cleaned up", observer)?;
             }
         }
         // Whoever comes next sweeps what is left of a graph that ends.
+        let domain = &self.graph.domain;
         if std::mem::take(&mut self.needs_janitor) && self.units.iter().any(|u| matches!(u.stage, Stage::Waiting(_))) {
-            self.janitor = Some(Janitor::start(self.graph.domain.name())?);
+            self.janitor = Some(Janitor::start(domain, true)?);
+        } else if self.ending.is_none() {
+            let processes = 1 + self.units.iter().filter(|unit| unit.stage == Stage::Alive).count();
+            if self.visitors.may_be_dead(domain, processes, self.now) {
+                self.janitor = Some(Janitor::start(domain, false)?);
+            }
         }
         Ok(())
     }

@@ -6,15 +6,39 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use echogrid_service::plan::DOMAIN_VARIABLE;
+use echogrid_topics::Domain;
+use echogrid_topics::janitor::residents;
 
 use super::child::{OWN, pidfd};
 
 /// Cleaning takes milliseconds.
 const WITHIN: Duration = Duration::from_secs(3);
 
+/// Tools that were killed hold their places for so long at most.
+const LOOKS_EVERY: Duration = Duration::from_secs(5);
+
+/// Processes that are not of the graph, and look on: when it was last looked whether there are any.
+#[derive(Debug, Default)]
+pub(super) struct Visitors {
+    looked: Option<Instant>,
+}
+
+impl Visitors {
+    /// Whether it is time to clean up after those that may be dead: there are more than the graph's own `processes`.
+    pub(super) fn may_be_dead(&mut self, domain: &Domain, processes: usize, now: Instant) -> bool {
+        let is_time = self.looked.is_none_or(|looked| now.saturating_duration_since(looked) >= LOOKS_EVERY);
+        if is_time {
+            self.looked = Some(now);
+        }
+        is_time && residents(domain) > processes
+    }
+}
+
 /// The helper at work.
 #[derive(Debug)]
 pub(super) struct Janitor {
+    /// A service died, and is not started before all is clean.
+    pub(super) is_for_services: bool,
     child: Child,
     pidfd: OwnedFd,
     deadline: Instant,
@@ -32,16 +56,16 @@ pub(super) enum Cleaned {
 }
 
 impl Janitor {
-    pub(super) fn start(domain: &str) -> Result<Self> {
+    pub(super) fn start(domain: &Domain, is_for_services: bool) -> Result<Self> {
         let child = Command::new(OWN)
             .arg("janitor")
-            .env(DOMAIN_VARIABLE, domain)
+            .env(DOMAIN_VARIABLE, domain.name())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .spawn()
             .context("starting the janitor")?;
         let pidfd = pidfd(&child)?;
-        Ok(Self { child, pidfd, deadline: Instant::now() + WITHIN })
+        Ok(Self { is_for_services, child, pidfd, deadline: Instant::now() + WITHIN })
     }
 
     pub(super) fn fd(&self) -> BorrowedFd<'_> {

@@ -31,7 +31,7 @@ use echogrid_service::signals::Signals;
 use echogrid_topics::Received;
 use ending::Ending;
 pub use flow::{Place, consumers, onlookers, places, writers};
-use janitor::Janitor;
+use janitor::{Janitor, Visitors};
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::Signal;
@@ -70,6 +70,7 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
         units,
         writers: writers(graph.services),
         janitor: None,
+        visitors: Visitors::default(),
         needs_janitor: false,
         graph,
         signals,
@@ -101,6 +102,7 @@ struct Supervisor<'a> {
     /// Who writes each topic.
     writers: BTreeMap<String, Vec<String>>,
     janitor: Option<Janitor>,
+    visitors: Visitors,
     /// Somebody died since the janitor began.
     needs_janitor: bool,
     graph: &'a Graph<'a>,

@@ -1,6 +1,10 @@
 //! `echogrid topic`: what goes through a running graph.
 
-use echogrid_harness::GraphProcess;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use echogrid_harness::{GraphProcess, PATIENCE};
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
@@ -10,6 +14,36 @@ fn topic(domain: &str, arguments: &[&str]) -> String {
     let output = echogrid(["topic"].iter().chain(arguments).chain(&["--domain", domain]));
     assert!(output.status.success(), "{}", said(&output));
     String::from_utf8(output.stdout).unwrap()
+}
+
+/// Of places for tools a topic has less than half as many.
+#[test]
+fn killed_tools_leave_room_for_others() {
+    let drive = Drive::new(f64::INFINITY);
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &["--rate", "1"]));
+    graph.wait_for("all services ready");
+    let domain = graph.domain().name().to_owned();
+    let deadline = Instant::now() + PATIENCE;
+    let mut killed = 0;
+    while killed < 24 {
+        assert!(Instant::now() < deadline, "only {killed} tools found a place");
+        let mut tool = Command::new(ECHOGRID)
+            .args(["topic", "echo", "health", "--json", "--domain", &domain])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // With its first word it has its places; one that finds none says nothing.
+        let mut line = String::new();
+        BufReader::new(tool.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        killed += u32::from(!line.is_empty());
+        tool.kill().unwrap();
+        tool.wait().unwrap();
+    }
+    graph.signal(Signal::SIGINT);
+    let ended = graph.wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!(ended.leftovers(), Vec::<String>::new());
 }
 
 #[test]

@@ -16,6 +16,8 @@ use iceoryx2::prelude::{CallbackProgression, FilePath, SemanticString, ipc};
 use crate::domain::{Domain, SHM};
 use crate::participant::{TopicError, path_bytes};
 
+/// Where iceoryx2 has a folder for each process.
+const NODES: &str = "nodes";
 /// What is being made is left alone for so long.
 const GRACE: Duration = Duration::from_millis(200);
 /// For what one dead process left.
@@ -95,6 +97,13 @@ pub fn clean(domain: &Domain) -> Result<Cleaned, TopicError> {
         }
     }
     Ok(cleaned)
+}
+
+/// How many processes are in a domain, or were and left something: a look at a folder.
+#[must_use]
+pub fn residents(domain: &Domain) -> usize {
+    let entries = fs::read_dir(domain.dir().join(NODES)).into_iter().flatten().flatten();
+    entries.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir())).count()
 }
 
 fn is_old(meta: &fs::Metadata) -> bool {
