@@ -1,5 +1,7 @@
 //! `echogrid map` and `echogrid up`: a graph from its start to its summary.
 
+use std::collections::BTreeMap;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -124,7 +126,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         supervision: &config.supervision,
     };
     limits::allow_files(limits::files_needed(config.services.len() as u64));
-    let start = SystemTime::now();
+    let before = Files::of(config);
     let watch = view.watch.map(|listen| Watch::new(graph.domain.name(), listen)).transpose()?;
     let mut display = Watched { display: Display::new(view.quiet, view.tells_lives()), watch };
     if let Some(watch) = &display.watch {
@@ -143,13 +145,13 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     }
     let outcome = supervisor::run(graph, &mut display);
     drop(display);
-    let ended = outcome.and_then(|outcome| outcome.check().map(|()| outcome).with_context(|| kept(config, start)));
+    let ended = outcome.and_then(|outcome| outcome.check().map(|()| outcome).with_context(|| kept(config, &before)));
     let outcome = ended.map_err(|error| match doctor::blame(config, survey.as_ref()) {
         Some(blame) => error.context(blame),
         None => error,
     })?;
     // Before what the run could be resumed from is removed.
-    check_saved(config, &outcome, start)?;
+    check_saved(config, &outcome, &before)?;
     spool.map_or(Ok(()), Spool::remove)?;
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
@@ -180,7 +182,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     if config.does_slam() {
         summary.slam = Some(super::closures::read(&config.run.out)?);
     }
-    summary.files = written(config, start);
+    summary.files = written(config, &before);
     Ok(summary)
 }
 
@@ -331,20 +333,37 @@ fn file_names(config: &Config) -> Vec<String> {
     names
 }
 
-/// The files that a run wrote which started at `start`; older ones are of another run.
-fn written(config: &Config, start: SystemTime) -> Vec<PathBuf> {
-    let is_new = |path: &PathBuf| std::fs::metadata(path).and_then(|meta| meta.modified()).is_ok_and(|at| at >= start);
+/// The files that a run may write, as they are on the disk: each by what tells it from any other at its place, whatever the
+/// clock says. Of a file that is not there: nothing.
+#[derive(Debug)]
+struct Files(BTreeMap<PathBuf, (u64, i64, i64)>);
+
+impl Files {
+    fn of(config: &Config) -> Self {
+        let paths = file_names(config).into_iter().map(|name| config.run.out.join(name));
+        let identity = |path: PathBuf| {
+            let meta = std::fs::metadata(&path).ok()?;
+            Some((path, (meta.ino(), meta.mtime(), meta.mtime_nsec())))
+        };
+        Self(paths.filter_map(identity).collect())
+    }
+}
+
+/// The files that were written since it was as `before`; the others are of another run.
+fn written(config: &Config, before: &Files) -> Vec<PathBuf> {
+    let now = Files::of(config);
+    let is_new = |path: &PathBuf| now.0.get(path).is_some_and(|file| before.0.get(path) != Some(file));
     file_names(config).into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }
 
 /// Whatever was mapped must lie on the disk now.
-fn check_saved(config: &Config, outcome: &supervisor::Outcome, start: SystemTime) -> Result<()> {
+fn check_saved(config: &Config, outcome: &supervisor::Outcome, before: &Files) -> Result<()> {
     let cells = outcome.map.as_ref().map_or(0, |map| map.cells_known);
     let publishes = |exec: &Exec| *exec == Exec::Builtin(Builtin::Publisher);
     let has_publisher = config.services.values().any(|service| publishes(&service.exec));
     let given_up = !outcome.given_up.is_empty();
     ensure!(
-        cells == 0 || !has_publisher || given_up || !written(config, start).is_empty(),
+        cells == 0 || !has_publisher || given_up || !written(config, before).is_empty(),
         "{} cells were mapped, and no map was saved in {}",
         cells,
         config.run.out.display()
@@ -353,8 +372,8 @@ fn check_saved(config: &Config, outcome: &supervisor::Outcome, start: SystemTime
 }
 
 /// Where the map so far is, for whoever reads the error.
-fn kept(config: &Config, start: SystemTime) -> String {
-    let files = written(config, start);
+fn kept(config: &Config, before: &Files) -> String {
+    let files = written(config, before);
     match files.first() {
         Some(_) => format!("the graph stopped early (what is in {} is the map so far)", config.run.out.display()),
         None => "the graph stopped early".into(),

@@ -33,7 +33,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_replay::config::{LogUnit, ReplayConfig};
-use echogrid_service::{in_words, logging};
+use echogrid_service::{in_words, logging, signals};
 use serde::Serialize;
 
 use crate::cli::{Cli, Command, Experiment, View};
@@ -44,6 +44,7 @@ pub use graph::provenance;
 /// Carries out a command: 0 done, 1 failed with one error on standard error.
 #[must_use]
 pub fn run(cli: Cli) -> ExitCode {
+    signals::survive_file_size_limit();
     let view = cli.command.as_ref().and_then(Command::view);
     let _whose = view.filter(|view| view.logs_json()).map(|_| logging::start_json("launcher"));
     let result = match cli.command {

@@ -11,7 +11,7 @@ use echogrid_topics::Topic;
 use crate::life::{self, InVain};
 use crate::plan::{Plan, SERVICE_VARIABLE};
 use crate::runtime::{Runtime, Terminated};
-use crate::{Sensor, Service, in_words, logging};
+use crate::{Sensor, Service, in_words, logging, signals};
 
 /// Exit code of a process that could not enter the graph (`EX_UNAVAILABLE`): that may not be its own fault.
 pub const NO_GRAPH: u8 = 69;
@@ -57,6 +57,7 @@ fn start(
     outputs: &'static [Topic],
     body: impl FnOnce(&mut Runtime) -> Result<()>,
 ) -> ExitCode {
+    signals::survive_file_size_limit();
     let shown = std::env::var(SERVICE_VARIABLE).unwrap_or_else(|_| name.to_owned());
     let _whose = logging::start(&shown);
     tracing::debug!(process = std::process::id(), "starts");

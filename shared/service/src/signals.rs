@@ -15,6 +15,13 @@ pub struct Caught {
     pub sender: u32,
 }
 
+/// From now on a file that grows beyond what this process may write (`ulimit -f`) is an error of writing it, not the end of
+/// the process (SIGXFSZ). Call before any thread is started: threads inherit it.
+pub fn survive_file_size_limit() {
+    // What can't be blocked is as before.
+    let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
+}
+
 /// Signals that this process reads instead of being interrupted by.
 #[derive(Debug)]
 pub struct Signals {

@@ -28,6 +28,8 @@ const PATIENCE: Duration = Duration::from_secs(180);
 const DRIVE_M: f64 = 10.0;
 
 type Files = BTreeMap<String, Vec<u8>>;
+/// The arguments of an undisturbed run, and what it writes; none before it was run, or where it can't be.
+type Undisturbed = Option<(Vec<String>, Files)>;
 
 fn files(folder: &Path) -> Files {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -92,7 +94,7 @@ impl Storm {
     /// Rages until there were so many faults, over every kind of run in turn.
     fn rage(mut self, wanted: u64) {
         let only = std::env::var("ECHOGRID_KILLS_KIND").ok();
-        let mut kinds: Vec<(&Kind, Option<(Vec<String>, Files)>)> = KINDS
+        let mut kinds: Vec<(&Kind, Undisturbed)> = KINDS
             .iter()
             .filter(|kind| only.as_deref().is_none_or(|only| only == kind.name))
             .map(|kind| (kind, None))
@@ -114,7 +116,7 @@ impl Storm {
     }
 
     /// The arguments of such a run, and what it writes.
-    fn undisturbed(&self, kind: &Kind) -> Option<(Vec<String>, Files)> {
+    fn undisturbed(&self, kind: &Kind) -> Undisturbed {
         let arguments = kind.arguments(&self.drive)?;
         let out = self.drive.out(kind.name);
         let output = echogrid(arguments.iter().cloned().chain(["--out".into(), path(&out)]));

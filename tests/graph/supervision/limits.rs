@@ -1,7 +1,9 @@
 //! What a service may use.
 
+use std::process::Command;
+
 use super::graph_file::{GraphFile, NOTHING};
-use crate::support::Drive;
+use crate::support::{Drive, ECHOGRID, path, said};
 
 /// The soft and the hard limit of this name, of a process.
 fn limits(pid: u32, name: &str) -> [String; 2] {
@@ -45,4 +47,25 @@ fn a_service_gets_no_more_than_it_may_use_even_in_its_next_life() {
     let ended = graph.wait();
     assert_eq!(ended.restarts(), 2, "{}", ended.stdout);
     assert_eq!(ended.leftovers(), NOTHING);
+}
+
+/// The map is far larger than 1 KB, and the limit is one of each process: an error that names the file, no death by SIGXFSZ.
+#[test]
+fn a_file_that_may_not_grow_is_an_error_with_its_name() {
+    let drive = Drive::new(1.0);
+    assert!(drive.map("whole", &[]).status.success());
+    let refused = |output: std::process::Output, named: &str| {
+        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(error.contains(named) && error.contains("File too large"), "{error}");
+    };
+    let convert = [path(&drive.out("whole/map.echogrid")), path(&drive.out("map.npy"))];
+    let limited = |arguments: &[String]| {
+        let script = "ulimit -f 1 && exec \"$@\"";
+        Command::new("sh").args(["-c", script, "sh", ECHOGRID]).args(arguments).output().unwrap()
+    };
+    refused(limited(&[vec!["convert".to_owned()], convert.to_vec()].concat()), "map.npy");
+    let mapped = limited(&drive.map_arguments("maps", &[]));
+    assert_eq!(mapped.status.code(), Some(1), "{}", said(&mapped));
+    assert!(!mapped.stderr.is_empty());
 }
