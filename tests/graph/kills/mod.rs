@@ -23,7 +23,7 @@ use running::{LAUNCHER, Running};
 use crate::support::{Drive, echogrid, path, said};
 
 /// A run that takes longer hangs.
-const PATIENCE: Duration = Duration::from_secs(180);
+const PATIENCE: Duration = Duration::from_secs(900);
 /// Metres.
 const DRIVE_M: f64 = 10.0;
 
@@ -112,7 +112,6 @@ impl Storm {
             let rate = kind.rates[self.below(kind.rates.len() as u64) as usize];
             self.run(kind, arguments, rate, expected);
         }
-        let _ = writeln!(std::io::stderr(), "{}", self.count);
     }
 
     /// The arguments of such a run, and what it writes.
@@ -212,6 +211,12 @@ impl Storm {
         };
         *what += u64::from(struck);
         struck
+    }
+}
+
+impl Drop for Storm {
+    fn drop(&mut self) {
+        let _ = writeln!(std::io::stderr(), "{}", self.count);
     }
 }
 
