@@ -8,8 +8,9 @@ use std::time::Duration;
 use anyhow::{Result, ensure};
 use echogrid_core::Grid;
 use echogrid_formats::WriteError;
-use echogrid_formats::map::{MapDocument, MapError, MapFileOptions};
+use echogrid_formats::map::{MapDocument, MapError, MapFileOptions, MapFormat};
 use echogrid_publisher::Saver;
+use echogrid_publisher::config::PublisherConfig;
 use echogrid_service::store::{Change, Shelf, Table};
 
 use crate::drive::Drive;
@@ -124,6 +125,11 @@ impl Shelf for SimulatedShelf {
         ensure!(world.lives(self.process), "killed when it had stored");
         Ok(())
     }
+}
+
+/// One that draws no pictures, which would come to the real disk.
+pub(crate) fn publisher() -> PublisherConfig {
+    PublisherConfig { formats: vec![MapFormat::Echogrid], ..PublisherConfig::default() }
 }
 
 /// The folder of output.

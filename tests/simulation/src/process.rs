@@ -14,7 +14,7 @@ use echogrid_topics::memory::Bus;
 use echogrid_topics::topic::Qos;
 use echogrid_topics::{Delivery, Input, Output, Topic};
 
-use crate::disk::{SimulatedFolder, SimulatedShelf};
+use crate::disk::{SimulatedFolder, SimulatedShelf, publisher};
 use crate::drive::{Drive, OUTPUTS, Recording};
 use crate::world::{Shared, SimulatedHost};
 
@@ -144,7 +144,7 @@ impl Start<'_> {
             "localizer" => serve(runtime, self.drive.localizer()?),
             "mapper" => serve(runtime, self.drive.mapper()?),
             _ => {
-                let service = PublisherService::new(Default::default(), PathBuf::new(), Default::default())?;
+                let service = PublisherService::new(publisher(), PathBuf::new(), Default::default())?;
                 serve(runtime, service.saving_by(Box::new(SimulatedFolder { world: world.clone(), process })))
             }
         };

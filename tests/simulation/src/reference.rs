@@ -12,7 +12,7 @@ use echogrid_publisher::{PublisherService, Saver};
 use echogrid_service::{Input, Outbox, Service, local};
 use echogrid_topics::{MapInfo, Message, Topic};
 
-use crate::disk::bytes;
+use crate::disk::{self, bytes};
 use crate::drive::{Drive, Recording};
 
 /// What is compared.
@@ -74,7 +74,7 @@ pub(crate) fn of(drive: Drive, messages: usize) -> Result<Rc<Ended>> {
     let kept = Kept::default();
     let map = kept.0.clone();
     let (mut odometry, mut localizer, mut mapper) = (drive.odometry()?, drive.localizer()?, drive.mapper()?);
-    let publisher = PublisherService::new(Default::default(), PathBuf::new(), Default::default())?;
+    let publisher = PublisherService::new(disk::publisher(), PathBuf::new(), Default::default())?;
     let (mut publisher, mut summary) = (publisher.saving_by(Box::new(kept)), Summary::default());
     let mut services: Vec<&mut dyn Service> = vec![&mut odometry];
     if drive.has_localizer() {
