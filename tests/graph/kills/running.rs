@@ -81,6 +81,10 @@ impl Running {
         self.services.keys().cloned().chain([LAUNCHER.to_owned()]).collect()
     }
 
+    pub(super) fn has_services(&self) -> bool {
+        !self.services.is_empty()
+    }
+
     fn process(&self, name: &str) -> i32 {
         self.services.get(name).copied().unwrap_or(self.child.id() as i32)
     }
