@@ -152,7 +152,7 @@ fn kind_of(input: &Path) -> Result<Input, ConvertError> {
         Ok(Kind::NativeMap) => Ok(Input::NativeMap),
         Ok(Kind::MapServer) => Ok(Input::MapServer),
         Ok(Kind::Log(_)) => Ok(Input::Log),
-        Ok(Kind::Foreign(kind)) => Err(unknown(format!("it is a {}; {}", kind.name, kind.advice))),
+        Ok(Kind::Foreign(kind)) => Err(unknown(format!("it is {}; {}", kind.with_article(), kind.advice))),
         Ok(Kind::KeptReadings) => Err(unknown("it holds the readings that a map is made of".into())),
         Ok(Kind::MobileSimWorld | Kind::Toml) => Err(unknown("it is a world or settings".into())),
         Err(LogError::UnknownFormat { begins, .. }) => Err(unknown(format!("it begins with \"{begins}\""))),

@@ -3,10 +3,20 @@
 /// A kind of file that can't be read as a log.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Foreign {
-    /// What it is, as in "is a …".
+    /// What it is, without an article.
     pub name: &'static str,
     /// What to do with it.
     pub advice: &'static str,
+}
+
+impl Foreign {
+    /// With its article, as in "an HDF5 file".
+    #[must_use]
+    pub fn with_article(&self) -> String {
+        let is_spoken_with_a_vowel = ["HDF5", "LCM", "SQLite"].iter().any(|word| self.name.starts_with(word))
+            || self.name.starts_with(['A', 'E', 'I', 'O', 'a', 'e', 'i', 'o']);
+        format!("{} {}", if is_spoken_with_a_vowel { "an" } else { "a" }, self.name)
+    }
 }
 
 /// Bytes that a file of some kind has at a place, the kind, and the advice.
@@ -23,6 +33,7 @@ const NO_LOG: &str = "expected a log: odometry and range readings";
 const DATA: &str = "write what it holds as CSV whose header names t, x, y, theta and ranges (docs/logs-formats.md)";
 
 const MAGICS: &[Magic] = &[
+    (0, b"#ROSRECORD V", "ROS bag of version 1", "convert it by ROS 1: rosbag fix OLD.bag NEW.bag"),
     (0, b"#ROSBAG V1.", "ROS bag of version 1", "convert it by ROS 1: rosbag fix OLD.bag NEW.bag"),
     (0, b"\xd4\xc3\xb2\xa1", "capture of network packets (pcap)", PACKETS),
     (0, b"\xa1\xb2\xc3\xd4", "capture of network packets (pcap)", PACKETS),
@@ -106,6 +117,7 @@ mod tests {
             assert!(found.is_none_or(|found| found.name.contains(expected.unwrap())), "{found:?}");
         };
         check(b"#ROSBAG V1.2\n", Some("version 1"));
+        check(b"#ROSRECORD V1.1\n", Some("version 1"));
         check(b"#ROSBAG V2.0\n", None);
         check(b"\xd4\xc3\xb2\xa1\x02\x00\x04\x00", Some("pcap"));
         check(b"\x91CActionCollection\x00", Some("rawlog"));

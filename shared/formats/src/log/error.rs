@@ -65,7 +65,7 @@ pub enum LogError {
         begins: String,
     },
     /// A file of a kind that is known, and is no log.
-    #[error("{}: is a {}, which can't be read as a log: {}", path.display(), kind.name, kind.advice)]
+    #[error("{}: is {}, which can't be read as a log: {}", path.display(), kind.with_article(), kind.advice)]
     Foreign {
         /// The file.
         path: PathBuf,

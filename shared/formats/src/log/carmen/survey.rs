@@ -196,7 +196,9 @@ impl Surveyor {
             return;
         }
         scan.oddities.iter().for_each(|odd| self.faults.count(line, odd.clone()));
-        let may_be_infinite = scan.described.is_some();
+        // A blank of a table is no reading, and no fault.
+        let is_table = matches!(self.origin, Origin::Text(Dialect::Csv(_)));
+        let may_be_infinite = is_table || scan.described.is_some();
         for (kind, is_faulty) in [
             (FaultKind::RangeNotFinite, (|range| !range.is_finite()) as fn(f64) -> bool),
             (FaultKind::AbsurdRange, |range| range.is_finite() && !super::is_sane(range)),
