@@ -259,3 +259,17 @@ fn each_equation_has_its_function() {
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
     assert!(readme.contains("docs/model.md#the-papers-equations"));
 }
+
+/// Foxglove's server brings an asynchronous runtime; what `echogrid` takes of Foxglove must not.
+#[test]
+fn echogrid_has_no_asynchronous_runtime() {
+    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".to_owned());
+    let arguments = ["tree", "--locked", "--offline", "--package", "echogrid", "--edges", "normal", "--prefix", "none"];
+    let output = std::process::Command::new(cargo).args(arguments).current_dir(root()).output().unwrap();
+    let tree = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && tree.contains("foxglove v"), "{}", String::from_utf8_lossy(&output.stderr));
+    let runtimes = ["tokio v", "async-std v", "smol v", "hyper v"];
+    let is_one = |line: &&str| runtimes.iter().any(|name| line.starts_with(name));
+    let found: Vec<String> = tree.lines().filter(is_one).map(str::to_owned).collect();
+    none("asynchronous runtimes in echogrid", &found);
+}

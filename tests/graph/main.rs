@@ -19,6 +19,7 @@ mod languages;
 mod live;
 mod localization;
 mod log;
+mod looking_in;
 mod maps;
 mod pioneer;
 mod privacy;
