@@ -77,6 +77,9 @@ pub enum Command {
         /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
+        /// Of a recording that is played (`--set replay.log=FILE`): this topic, in place of others of its type; may be repeated.
+        #[arg(long = "topic", value_name = "NAME")]
+        topics: Vec<String>,
         /// What is set for the run.
         #[command(flatten)]
         settings: Settings,

@@ -61,8 +61,8 @@ pub fn run(cli: Cli) -> ExitCode {
             graph::run(&LoadRequest { graph: config, sensor, log: Some(log), topics, ..settings.request() }, &view)
         }
         Some(Command::Info { file, json }) => info::run(&file, json),
-        Some(Command::Up { graph, sensor, settings, view }) => {
-            graph::run(&LoadRequest { graph: Some(graph), sensor, ..settings.request() }, &view)
+        Some(Command::Up { graph, sensor, topics, settings, view }) => {
+            graph::run(&LoadRequest { graph: Some(graph), sensor, topics, ..settings.request() }, &view)
         }
         Some(Command::Check { schema: Some(files), .. }) => check::print_schema(files),
         Some(Command::Check { graph, sensor, map, settings, .. }) => {
