@@ -14,6 +14,7 @@ mod graph;
 mod info;
 mod live;
 mod manual;
+mod new;
 mod observer;
 mod relations;
 mod score;
@@ -36,7 +37,7 @@ use echogrid_replay::config::{LogUnit, ReplayConfig};
 use echogrid_service::{in_words, logging, signals};
 use serde::Serialize;
 
-use crate::cli::{Cli, Command, Experiment, View};
+use crate::cli::{Cli, Command, Experiment, NewCommand, View};
 use crate::config::LoadRequest;
 
 pub use graph::provenance;
@@ -101,6 +102,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Some(Command::Evaluate(request)) => evaluate::run(&request),
         Some(Command::Topic(command)) => topic::run(&command),
+        Some(Command::New(NewCommand::Sensor { folder, lang, source })) => {
+            new::sensor(lang, &folder, source.as_deref())
+        }
         Some(Command::Janitor) => service::janitor(),
         // Its own logs say what went wrong.
         Some(Command::Service { name, domain, arguments }) => return service::run(&name, domain, arguments),

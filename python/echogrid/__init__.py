@@ -1,4 +1,4 @@
-"""Sensors and listeners for echogrid graphs, in Python.
+"""Sensors and listeners for echogrid graphs, maps of arrays, and map files, in Python.
 
     import echogrid
 
@@ -7,23 +7,32 @@
         sensor.scan(0.0, {0: 1.5})
         sensor.odometry(0.1, x=0.02, y=0.0, theta=0.0)
 
-Needs the package `iceoryx2`, 0.10.0; maps as arrays need `numpy`. Stamps are seconds, lengths metres, angles radians,
-counter-clockwise; x is forward, y is left. The contract behind it is docs/topics.md, this module is docs/python.md.
+What talks to a graph (`Sensor`, `MapListener`) needs the package `iceoryx2`, 0.10.0; what computes (`GridMapper`, `Odometry`, `read_map`,
+`score`) needs the wheel, which carries the core. Stamps are seconds, lengths metres, angles radians, counter-clockwise; x is forward, y is
+left. docs/python.md tells more.
 """
 
-from .graph import GraphError, Orphaned
-from .maps import Grid, MapListener
-from .sensor import INVALID, Robot, Sensor, Transducers, lidar, sonar
+from importlib import import_module
 
-__all__ = [
-    "INVALID",
-    "GraphError",
-    "Grid",
-    "MapListener",
-    "Orphaned",
-    "Robot",
-    "Sensor",
-    "Transducers",
-    "lidar",
-    "sonar",
-]
+_PLACES = {
+    "robot": ["INVALID", "Robot", "Transducers", "lidar", "sonar"],
+    "grid": ["Grid"],
+    "sensor": ["Sensor"],
+    "maps": ["MapListener"],
+    "graph": ["GraphError", "Orphaned"],
+    "core": ["Estimate", "GridMapper", "Odometry", "PathPoint", "SavedMap", "read_map", "score"],
+}
+_MODULE_OF = {name: module for module, names in _PLACES.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name):
+    """Each part is imported when it is asked for: not everybody has what the others need."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
+
+
+def __dir__():
+    return __all__

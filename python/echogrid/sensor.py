@@ -1,71 +1,30 @@
 """A sensor: what it looks like, where the robot is, what it hears."""
 
-import math
 import time
-from dataclasses import dataclass, field
-from typing import Dict, Iterable, List, Mapping, Optional, Union
+from typing import Dict, Iterable, Mapping, Optional, Union
 
 from . import layouts
 from .graph import RUNNING, GraphError, Orphaned, Participant, Stopped, put_text
+from .robot import Robot, readings
 
-HIT, NO_ECHO, _INVALID = 0, 1, 2
-# A reading that says nothing about the world; None is another: that nothing answered.
-INVALID = math.nan
 _TOPICS = ["robot/description", "truth/pose", "odometry/raw", "range/scan"]
 
 
-@dataclass
-class Transducers:
-    """A sonar, or a lidar of many beams, mounted at x, y, theta in the robot's base."""
-
-    kind: int
-    x: float
-    y: float
-    theta: float
-    count: int
-    first_bearing: float
-    bearing_step: float
-    aperture: float
-    range_min: float
-    range_max: float
-    error_ratio: float
-
-
-def sonar(x, y, theta, aperture=math.radians(30), range_min=0.1, range_max=5.0, error_ratio=0.01):
-    """A sonar that looks along `theta`, with a cone of the full angle `aperture`."""
-    return Transducers(1, x, y, theta, 1, 0.0, 0.0, aperture, range_min, range_max, error_ratio)
-
-
-def lidar(x, y, theta, beams, first_bearing, bearing_step, aperture=None, range_min=0.02, range_max=12.0, error_ratio=0.002):
-    """A planar lidar: beam i looks along `first_bearing` + i * `bearing_step` in its own frame."""
-    aperture = abs(bearing_step) if aperture is None else aperture
-    return Transducers(2, x, y, theta, beams, first_bearing, bearing_step, aperture, range_min, range_max, error_ratio)
-
-
-@dataclass
-class Robot:
-    """The robot: its range sensors, in the order of their transducers, and its size (0: unknown)."""
-
-    name: str
-    sensors: List[Transducers] = field(default_factory=list)
-    length: float = 0.0
-    width: float = 0.0
-
-    def description(self):
-        """As it goes over the topic."""
-        message = layouts.RobotDescription(footprint_length_m=self.length, footprint_width_m=self.width)
-        if len(self.sensors) > len(message.sensors):
-            raise GraphError(f"robot {self.name!r} has {len(self.sensors)} sensors; expected at most {len(message.sensors)}")
-        put_text(message.name, self.name)
-        message.sensor_count = len(self.sensors)
-        first = 0
-        for wire, of in zip(message.sensors, self.sensors):
-            wire.kind, wire.first_transducer, wire.transducers = of.kind, first, of.count
-            wire.x_m, wire.y_m, wire.theta_rad = of.x, of.y, of.theta
-            wire.first_bearing_rad, wire.bearing_step_rad, wire.aperture_rad = of.first_bearing, of.bearing_step, of.aperture
-            wire.range_min_m, wire.range_max_m, wire.range_error_ratio = of.range_min, of.range_max, of.error_ratio
-            first += of.count
-        return message
+def _description(robot: Robot):
+    """A robot as it goes over the topic."""
+    message = layouts.RobotDescription(footprint_length_m=robot.length, footprint_width_m=robot.width)
+    if len(robot.sensors) > len(message.sensors):
+        raise GraphError(f"robot {robot.name!r} has {len(robot.sensors)} sensors; expected at most {len(message.sensors)}")
+    put_text(message.name, robot.name)
+    message.sensor_count = len(robot.sensors)
+    first = 0
+    for wire, of in zip(message.sensors, robot.sensors):
+        wire.kind, wire.first_transducer, wire.transducers = of.kind, first, of.count
+        wire.x_m, wire.y_m, wire.theta_rad = of.x, of.y, of.theta
+        wire.first_bearing_rad, wire.bearing_step_rad, wire.aperture_rad = of.first_bearing, of.bearing_step, of.aperture
+        wire.range_min_m, wire.range_max_m, wire.range_error_ratio = of.range_min, of.range_max, of.error_ratio
+        first += of.count
+    return message
 
 
 Ranges = Union[Mapping[int, Optional[float]], Iterable[Optional[float]]]
@@ -89,7 +48,7 @@ class Sensor:
         self._process.health.state = RUNNING
         self._process.beat(now=True)
         output = self._process.outputs["robot/description"]
-        output.send(0, self._robot.description())
+        output.send(0, _description(self._robot))
         output.ring()
         return self
 
@@ -131,16 +90,14 @@ class Sensor:
 
         `offsets`: seconds after the stamp at which a transducer fired, where that differs.
         """
-        numbered = ranges.items() if isinstance(ranges, Mapping) else enumerate(ranges)
-        readings = []
-        for transducer, range_m in numbered:
-            echo = NO_ECHO if range_m is None else _INVALID if not math.isfinite(range_m) or range_m <= 0 else HIT
-            offset_ns = round(offsets.get(transducer, 0.0) * 1e9)
-            readings.append(layouts.RangeReading(range_m if echo == HIT else 0.0, offset_ns, transducer, echo))
-        if len(readings) > self._process.plan["max_readings"]:
+        scan = [
+            layouts.RangeReading(range_m, round(offsets.get(transducer, 0.0) * 1e9), transducer, echo)
+            for transducer, echo, range_m in readings(ranges)
+        ]
+        if len(scan) > self._process.plan["max_readings"]:
             most = self._process.plan["max_readings"]
-            raise GraphError(f"{len(readings)} readings in one scan; this run has room for {most}: name the robot (run.robot)")
-        self._send("range/scan", stamp, readings)
+            raise GraphError(f"{len(scan)} readings in one scan; this run has room for {most}: name the robot (run.robot)")
+        self._send("range/scan", stamp, scan)
 
     def _send(self, topic, stamp, payload):
         process, output, stamp_ns = self._process, self._process.outputs[topic], round(stamp * 1e9)

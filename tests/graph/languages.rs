@@ -8,7 +8,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use tempfile::TempDir;
 
-use crate::support::{ECHOGRID, path};
+use crate::support::{ECHOGRID, echogrid, path, said};
 
 /// A program as the sensor.
 pub(crate) struct Foreign {
@@ -248,4 +248,56 @@ fn a_c_sensor_makes_the_same_map_whoever_dies_and_a_listener_sees_it() {
     assert!(watched.status.success(), "{}", String::from_utf8_lossy(&watched.stderr));
     let known = told.lines().last().unwrap().split(": ").nth(1).unwrap().split(' ').next().unwrap();
     assert_eq!(known, ended.summary()["cells"]["known"].as_u64().unwrap().to_string(), "{told}\n{}", ended.stdout);
+}
+
+/// `echogrid new sensor` in this language, and what its own test says.
+fn begun(language: &str, environment: &[(&str, &Path)]) {
+    let folder = tempfile::tempdir().unwrap();
+    let new = folder.path().join("mine");
+    let made = echogrid(["new", "sensor", "--lang", language, "--source", env!("CARGO_MANIFEST_DIR"), &path(&new)]);
+    assert!(made.status.success(), "{}", said(&made));
+    let again = echogrid(["new", "sensor", "--lang", language, &path(&new)]);
+    assert!(said(&again).contains("is not empty; expected a new or empty folder"), "{}", said(&again));
+    let mut test = Command::new(new.join("test.sh"));
+    test.env("ECHOGRID", ECHOGRID).envs(environment.iter().copied());
+    let tested = test.output().unwrap();
+    assert!(tested.status.success() && said(&tested).contains("ok: the same map twice"), "{}", said(&tested));
+}
+
+#[test]
+fn a_sensor_that_was_begun_in_lines_or_python_passes_its_own_test() {
+    begun("lines", &[]);
+    let Some(python) = python() else { return };
+    // The script asks for the python3 on PATH, as one in an environment that is active.
+    let found = PathBuf::from(format!("{}:{}", path(python.parent().unwrap()), std::env::var("PATH").unwrap()));
+    begun("python", &[("PATH", &found)]);
+}
+
+/// Where a stand-in for rclpy lies.
+const STAND_IN: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/graph/stand_in");
+
+#[test]
+fn a_node_of_ros_2_is_a_sensor_and_another_publishes_the_map() {
+    // No ROS: a stand-in that drives around a room, and prints what is published.
+    let Some(python) = python() else { return };
+    let of_ros = |name: &str| format!("{}/examples/ros/{name}", env!("CARGO_MANIFEST_DIR"));
+    let sensor = Foreign::new(&format!(
+        "exec = {python:?}\nargs = [{:?}]\nenv = {{ PYTHONPATH = {STAND_IN:?} }}\nspeaks = \"carmen\"\nreplays = true",
+        of_ros("lines_of_ros2.py")
+    ));
+    let mut graph = sensor.start("out", &["--rate", "20"]);
+    graph.wait_for_progress("mapper", 100);
+    let published = Command::new(&python)
+        .arg(of_ros("map_to_ros2.py"))
+        .env("PYTHONPATH", format!("{STAND_IN}:{MODULE}"))
+        .env("ECHOGRID_DOMAIN", graph.domain().name())
+        .output()
+        .unwrap();
+    let (_, ended) = sensor.map("out", graph);
+    assert_eq!(ended.summary()["scans"], 300, "{}", ended.stdout);
+    let told = String::from_utf8(published.stdout).unwrap();
+    assert!(published.status.success(), "{}", String::from_utf8_lossy(&published.stderr));
+    let known = ended.summary()["cells"]["known"].as_u64().unwrap();
+    let last = told.lines().last().unwrap();
+    assert!(last.starts_with("map map ") && last.ends_with(&format!(" of 0.05: {known} known")), "{told}{known}");
 }

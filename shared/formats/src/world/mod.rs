@@ -32,10 +32,8 @@ pub const MAP_BYTES_MAX: u64 = 64 << 20;
 pub const PLAN_BYTES_MAX: u64 = 1 << 20;
 
 /// The worlds that come along: name, and the text of a world of our own.
-const BUILTIN: [(&str, &str); 2] = [
-    ("office", include_str!("../../../../worlds/office.toml")),
-    ("room", include_str!("../../../../worlds/room.toml")),
-];
+const BUILTIN: [(&str, &str); 2] =
+    [("office", include_str!("../../worlds/office.toml")), ("room", include_str!("../../worlds/room.toml"))];
 
 /// The names of the worlds that come along.
 pub fn builtin_worlds() -> impl Iterator<Item = &'static str> {

@@ -1,0 +1,5 @@
+"""Messages of the stand-in."""
+
+
+class LaserScan:
+    pass
