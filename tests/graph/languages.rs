@@ -71,6 +71,12 @@ fn square(more: &str) -> Foreign {
     Foreign::new(&format!("exec = {script:?}\nspeaks = \"carmen\"\n{more}"))
 }
 
+/// The square, by a program that ends when somebody opens the gate: until then its shell waits for `cat`.
+fn behind_a_gate(gate: &Path, more: &str) -> Foreign {
+    let script = format!("{}/examples/lines/square.sh; cat {}", env!("CARGO_MANIFEST_DIR"), path(gate));
+    Foreign::new(&format!("exec = \"/bin/sh\"\nargs = [\"-c\", {script:?}]\nspeaks = \"carmen\"\n{more}"))
+}
+
 #[test]
 fn a_shell_script_is_a_sensor_and_the_map_is_the_same_whoever_dies() {
     let square = square("replays = true");
@@ -82,10 +88,7 @@ fn a_program_that_is_killed_is_started_again_though_what_it_started_holds_its_ou
     let folder = tempfile::tempdir().unwrap();
     let gate = folder.path().join("gate");
     nix::unistd::mkfifo(&gate, nix::sys::stat::Mode::S_IRWXU).unwrap();
-    // The drive ends when somebody opens the gate: until then the shell waits for `cat`.
-    let script = format!("{}/examples/lines/square.sh; cat {}", env!("CARGO_MANIFEST_DIR"), path(&gate));
-    let program =
-        Foreign::new(&format!("exec = \"/bin/sh\"\nargs = [\"-c\", {script:?}]\nspeaks = \"carmen\"\nreplays = true"));
+    let program = behind_a_gate(&gate, "replays = true");
     let run = |out: &str, is_killed: bool| {
         let mut graph = program.start(out, &[]);
         graph.wait_for_progress("sensor", 1000);
@@ -103,14 +106,20 @@ fn a_program_that_is_killed_is_started_again_though_what_it_started_holds_its_ou
 
 #[test]
 fn a_program_that_measures_what_is_now_goes_on_after_it_died() {
-    let square = square("");
-    let mut graph = square.start("live", &["--rate", "20"]);
-    graph.wait_for_progress("sensor", 150);
+    let folder = tempfile::tempdir().unwrap();
+    let gate = folder.path().join("gate");
+    nix::unistd::mkfifo(&gate, nix::sys::stat::Mode::S_IRWXU).unwrap();
+    let program = behind_a_gate(&gate, "");
+    let mut graph = program.start("live", &["--rate", "1"]);
+    // Nobody waits a minute for what is measured now.
+    graph.wait_for_progress("sensor", 1201);
     graph.kill("sensor");
-    graph.wait_for("sensor died");
-    let (_, ended) = square.map("live", graph);
+    graph.wait_for_nth("sensor started", 2);
+    graph.wait_until("it said all of it again", |view| view.progress("mapper") >= 2400);
+    drop(std::fs::File::options().write(true).open(&gate).unwrap());
+    let (_, ended) = program.map("live", graph);
     // All of it a second time: nobody knows that it is the same.
-    assert!(ended.summary()["scans"].as_u64().unwrap() > 600, "{}", ended.stdout);
+    assert_eq!(ended.summary()["scans"], 1200, "{}", ended.stdout);
     assert_eq!(ended.summary()["lost_messages"], 0);
 }
 

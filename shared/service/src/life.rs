@@ -125,9 +125,10 @@ async fn catch_up(runtime: &mut Runtime, service: &mut impl Service, out: &mut O
 /// # Errors
 /// The sensor failed, or the outside refuses.
 pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()> {
-    let mut pace = Pace::new(runtime.plan().rate);
-    runtime.set_total(sensor.total().unwrap_or(0));
     let is_live = sensor.is_live();
+    // What is measured now is due now: who waited here, be it for the time that an earlier life was dead, would not listen meanwhile.
+    let mut pace = Pace::new(runtime.plan().rate.filter(|_| !is_live));
+    runtime.set_total(sensor.total().unwrap_or(0));
     let mut again = runtime.begin(is_live).await?;
     runtime.set_state(ServiceState::Running)?;
     tracing::info!("ready");
