@@ -15,4 +15,5 @@ for x in np.linspace(1, 5, 50):
     mapper.scan((x, 2.0, 0.0), np.minimum(to_x, to_y))
 grid = mapper.grid()
 plt.imshow(grid.probability, origin="lower", extent=grid.extent, cmap="gray_r", vmin=0, vmax=1)
+plt.gca().set_facecolor("0.7")  # unknown
 plt.savefig("map_of_arrays.png")
