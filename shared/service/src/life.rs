@@ -137,7 +137,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;
     let mut patience = Duration::ZERO;
-    // Asked to stop, it goes on to where no consumer has more of an earlier life, at full speed.
+    // Asked to stop, it goes on at full speed to where an earlier life ended, or no consumer has more of it.
     'playing: while runtime.stop().is_none() || (runtime.stop() == Some(Stop::Asked) && !runtime.may_end()) {
         runtime.attend(patience).await?;
         runtime.serve(Some(made), |command| sensor.command(command))?;
@@ -154,12 +154,12 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
                 // What it answered was said when it was given.
                 let _ = sensor.command(command);
             }
-            if !is_live && runtime.ends_here() {
+            if !is_live && runtime.ends_here(is_live) {
                 break 'playing;
             }
             let (stamp_ns, message) = match waiting.take().or_else(|| again.pop_front()) {
                 Some(message) => message,
-                None if runtime.ends_here() => break 'playing,
+                None if runtime.ends_here(is_live) => break 'playing,
                 // What can be made anew fails anew.
                 None if !sensor.is_ready()? => break,
                 None => match sensor.next().map_err(|error| if is_live { error } else { judged(error) })? {
@@ -194,7 +194,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
         }
         runtime.ring()?;
     }
-    let is_stopped = runtime.stop() == Some(Stop::Asked) || runtime.ends_here();
+    let is_stopped = runtime.stop() == Some(Stop::Asked) || runtime.ends_here(is_live);
     // Without it nobody downstream would read on to the end that follows.
     if made == 0
         && is_stopped
@@ -206,7 +206,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     }
     sensor.close();
     runtime.set_note(sensor.note());
-    if is_stopped {
+    if runtime.stop() != Some(Stop::Orphaned) {
         runtime.write_down_end()?;
     }
     // What was measured is spooled, and would come again.

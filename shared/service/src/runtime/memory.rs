@@ -50,7 +50,7 @@ pub(crate) struct Memory {
     stored_at: Instant,
     /// Number of the next message of a live sensor.
     pub(crate) spooled: u64,
-    /// After so many messages the user ended the stream, in an earlier life of the sensor.
+    /// After so many messages the streams ended, in this life of the sensor or an earlier one.
     pub(crate) ends_at: Option<u64>,
 }
 
@@ -168,7 +168,7 @@ impl Memory {
         Ok(())
     }
 
-    /// The user ends the stream of a sensor when it has sent so many messages: whoever comes after it ends there, too.
+    /// The streams of a sensor end when it has sent so many messages: whoever comes after it ends them there, too.
     pub(crate) fn write_down_end(&mut self, sent: u64, stamp_ns: u64) -> Result<()> {
         let Some(store) = self.store.as_mut().filter(|_| self.ends_at.is_none() && !Mutant::ForgetsEnd.lives()) else {
             return Ok(());

@@ -136,20 +136,24 @@ impl Runtime {
         self.ports.sinks.iter().any(|sink| sink.port.is_known())
     }
 
-    /// Whether the streams may end here: no consumer has more than that from an earlier life.
+    /// Whether the streams may end here: where an earlier life ended them, or else where no consumer has more of it.
     #[must_use]
     pub fn may_end(&self) -> bool {
-        self.ports.sinks.iter().all(|sink| sink.port.may_end())
+        match self.memory.ends_at {
+            Some(sent) => self.vitals.progress >= sent,
+            None => self.ports.sinks.iter().all(|sink| sink.port.may_end()),
+        }
     }
 
-    /// Whether the user ended the stream of this sensor here, in this life or an earlier one.
+    /// Whether the streams of this sensor end here, as an earlier life of it wrote down. One that `is_live` has sent again by
+    /// then what was measured before.
     #[must_use]
-    pub fn ends_here(&self) -> bool {
-        self.memory.ends_at.is_some_and(|sent| self.vitals.progress >= sent)
+    pub fn ends_here(&self, is_live: bool) -> bool {
+        self.memory.ends_at.is_some_and(|sent| is_live || self.vitals.progress >= sent)
     }
 
-    /// The user ends the stream of this sensor here: that is written down before anybody hears of it, so that no life that
-    /// comes after this one goes on beyond.
+    /// The streams of this sensor end here: that is written down before anybody hears of it, so that no life that comes after
+    /// this one ends them elsewhere.
     ///
     /// # Errors
     /// The disk is full.

@@ -80,7 +80,7 @@ pub enum Unrepeatable {
     Fix(LocalizationFix),
     /// An order of the user, and its number: whoever did not hear the answer gives it again.
     Command(u64, Command),
-    /// The user ended the run: a sensor's streams end here.
+    /// A sensor's streams end here: there was no more, or the user ended the run.
     End,
 }
 
