@@ -2,13 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use echogrid_core::{Verdict, VerdictCounts};
+use echogrid_core::{SILENT_SHARE, Verdict, VerdictCounts};
 use serde::Serialize;
 
 /// Of fewer readings nothing is said.
 const READINGS_MIN: u64 = 50;
-/// A sonar is silent that hears this much less than the middle one of all.
-const SILENT: f64 = 0.1;
 /// A sonar is conspicuous for being stuck in this share of what it heard …
 const STUCK: f64 = 0.1;
 /// … or for hearing things nearer than a sonar can.
@@ -59,7 +57,7 @@ fn says(counts: &VerdictCounts, usual: f64) -> Option<String> {
         return None;
     }
     let (stuck, near) = (counts.get(Verdict::Stuck), counts.get(Verdict::BelowMinimum));
-    if heard_share(counts) < SILENT * usual {
+    if heard_share(counts) < SILENT_SHARE * usual {
         Some(format!(
             "hears hardly anything: {heard} echoes in {total} readings, while others hear {:.0} %",
             100.0 * usual

@@ -82,7 +82,7 @@ fn bad_graph_files() {
     check(
         "[sonar]",
         &[
-            "sonar: unknown key; known are run, replay, simulator, pioneer, odometry, slam, localization, localizer, mapper, publisher, supervision, services, topics",
+            "sonar: unknown key; known are run, replay, simulator, pioneer, odometry, slam, localization, localizer, mapper, publisher, recorder, supervision, services, topics",
         ],
     );
     check("[robot]", &["a robot is named by `run.robot`"]);

@@ -36,6 +36,7 @@ pub use angle::wrap_angle;
 pub use calibration::{Calibration, CalibrationError, Trial};
 pub use chunks::Chunks;
 pub use config::{ConfigError, MapperConfig, OdometryConfig};
+pub use filter::SILENT_SHARE;
 pub use gate::Gate;
 pub use grid::{CellIndex, Grid, Plane, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
 pub use incidents::Incidents;

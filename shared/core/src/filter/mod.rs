@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | `range` | what is nearer or farther than a sensor can tell | [`range`] |
 //! | `selection` | sonars that are not used | [`selection`] |
-//! | `stuck` | sonars that lie for long | [`stuck`] |
+//! | `stuck` | sonars that lie for long, and the silence of those that hear hardly anything | [`stuck`], [`silent`] |
 //! | `lone` | what one sonar hears and no other supports | [`lone`] |
 //! | `bubble` | multiple reflections | [`bubble`] |
 //!
@@ -19,6 +19,7 @@ mod lone;
 mod range;
 mod ring;
 mod selection;
+mod silent;
 mod stuck;
 #[cfg(test)]
 mod tests;
@@ -28,6 +29,7 @@ use claim::Claim;
 pub(crate) use range::range_of;
 use ring::{Past, Ring};
 use serde::{Deserialize, Serialize};
+use silent::Hearing;
 use stuck::Health;
 
 use crate::config::{Filter, Fusion, MapperConfig, NoEcho};
@@ -36,11 +38,15 @@ use crate::reading::Reading;
 use crate::robot::SensorKind;
 use crate::verdict::Verdict;
 
+/// A sonar is silent whose share of readings with an echo is less than this part of that of the middle one of all.
+pub const SILENT_SHARE: f64 = 0.1;
+
 /// What the filters remember from scan to scan.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Memory {
     past: Past,
     health: Health,
+    hearing: Hearing,
 }
 
 /// The filters in their order, and what they remember.
@@ -53,6 +59,7 @@ pub(crate) struct Chain {
     stuck_after_m: f64,
     ring: Ring,
     health: Health,
+    hearing: Hearing,
 }
 
 impl Chain {
@@ -74,17 +81,18 @@ impl Chain {
                 config.lone_tolerance_m,
             ),
             health: Health::default(),
+            hearing: Hearing::default(),
         }
     }
 
     /// All that what comes depends on, besides the configuration.
     pub(crate) fn memory(&self) -> Memory {
-        Memory { past: self.ring.past.clone(), health: self.health.clone() }
+        Memory { past: self.ring.past.clone(), health: self.health.clone(), hearing: self.hearing.clone() }
     }
 
     /// What it remembered once, again.
     pub(crate) fn remember(&mut self, memory: Memory) {
-        (self.ring.past, self.health) = (memory.past, memory.health);
+        (self.ring.past, self.health, self.hearing) = (memory.past, memory.health, memory.hearing);
     }
 
     /// Why a single reading is refused, if it is, by the filters that look at no other.
@@ -141,10 +149,39 @@ impl Chain {
                 *verdict = verdict.or(standing.refusal);
             }
         }
+        let silent = self.silent(channels, scan);
         for (verdict, (reading, _)) in verdicts.iter_mut().zip(scan) {
-            *verdict = verdict.and_then(|verdict| self.unless_it_clears(channels, reading, verdict));
+            if !silent.contains(&reading.transducer) {
+                *verdict = verdict.and_then(|verdict| self.unless_it_clears(channels, reading, verdict));
+            }
         }
         verdicts
+    }
+
+    /// The sonars of a scan that hear hardly anything, as far as `stuck` is asked for.
+    fn silent(&mut self, channels: &[Option<Channel>], scan: &[(Reading, Option<Estimate>)]) -> Vec<u16> {
+        if !self.filters.contains(&Filter::Stuck) {
+            return Vec::new();
+        }
+        let is_sonar = |reading: &Reading| {
+            let channel = channels.get(usize::from(reading.transducer)).copied().flatten();
+            channel.is_some_and(|channel| channel.transducer.kind == SensorKind::Sonar)
+        };
+        for (reading, _) in scan.iter().filter(|(reading, _)| is_sonar(reading)) {
+            match heard(channels, reading) {
+                Ok(_) => self.hearing.note(reading.transducer, true),
+                Err(Verdict::NoEcho) => self.hearing.note(reading.transducer, false),
+                Err(_) => {}
+            }
+        }
+        let usual_share = self.hearing.usual_share();
+        let mut silent: Vec<u16> = Vec::new();
+        for (reading, _) in scan.iter().filter(|(reading, _)| is_sonar(reading)) {
+            if self.hearing.is_silent(reading.transducer, usual_share) {
+                silent.push(reading.transducer);
+            }
+        }
+        silent
     }
 
     /// The verdict on a reading that told no range; none where that says something by itself.
