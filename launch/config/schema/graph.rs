@@ -441,11 +441,14 @@ static MAPPER: Section = Section {
             "what a reading without an echo says: ignore: nothing; clear: that its cone is rather empty (see echo_lost, oriented_lost); \
              auto: clear to oriented, which knows that walls mirror, and nothing to other rules",
         ),
-        key("echo_prior", "a probability", "of first_echo: how probably a cell is occupied before any reading"),
+        key(
+            "echo_prior",
+            "a probability",
+            "of first_echo and oriented: how probably a cell is occupied before any reading",
+        ),
         key("echo_detection", "a probability", "of first_echo: how probably an occupied cell on the axis answers"),
         key("echo_clutter", "a probability", "of first_echo: how probably an echo is nobody's (multipath, crosstalk)"),
         key("echo_lost", "a probability", "how probably an echo is lost, for no_echo = \"clear\""),
-        key("oriented_prior", "a probability", "of oriented: how probably a cell is occupied before any reading"),
         key(
             "oriented_detection",
             "a probability from 0.001 to 0.999",

@@ -158,8 +158,6 @@ pub struct MapperConfig {
     pub echo_clutter: f64,
     /// m: how probably an echo is lost.
     pub echo_lost: f64,
-    /// p0 of oriented: how probably a cell is occupied before any reading.
-    pub oriented_prior: f64,
     /// r0 of oriented: how probably a cell answers that is occupied and mirrors nothing.
     pub oriented_detection: f64,
     /// q of oriented: of what is occupied, the share that is no smooth wall.
@@ -223,14 +221,13 @@ impl Default for MapperConfig {
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
-            oriented_prior: 0.003,
             oriented_detection: 0.7,
-            oriented_diffuse: 0.15,
+            oriented_diffuse: 0.3,
             oriented_incidence_deg: 20.0,
             oriented_clutter: 0.4,
             oriented_lost: 0.8,
-            oriented_clear_m: 5.0,
-            oriented_doubt_floor: 0.7,
+            oriented_clear_m: 2.5,
+            oriented_doubt_floor: 0.15,
             tempering: 0.5,
             footprint_m: Limit::Word(LimitWord::Auto),
             remap: true,
@@ -315,7 +312,6 @@ impl MapperConfig {
         probability("echo_detection", self.echo_detection)?;
         probability("echo_clutter", self.echo_clutter)?;
         probability("echo_lost", self.echo_lost)?;
-        probability("oriented_prior", self.oriented_prior)?;
         for (key, value) in [
             ("oriented_detection", self.oriented_detection),
             ("oriented_diffuse", self.oriented_diffuse),

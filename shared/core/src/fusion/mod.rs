@@ -240,7 +240,7 @@ impl Fuser {
             detection: self.config.oriented_detection * sureness.max(self.config.oriented_doubt_floor).min(1.0),
             clear_m: self.config.oriented_clear_m,
             aperture_rad,
-            prior_log_odds: log_odds_of(self.config.oriented_prior),
+            prior_log_odds: log_odds_of(self.config.echo_prior),
             weight: news * libm::pow(sureness, self.config.tempering),
             leaves_gaps: sounding.channel.transducer.leaves_gaps,
             draw: draw(sounding.sequence, sounding.reading.transducer),
