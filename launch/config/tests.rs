@@ -195,7 +195,6 @@ fn bad_graph_files() {
     );
     check("[run]\nrobot = \"mine.toml\"", &["mine.toml\": No such file"]);
     // The graph.
-    check("[services.x]\nexec = \"builtin:replay\"", &["g.toml:1: services.x.kind: missing; expected one of sensor"]);
     check(
         "[services.a]\nkind = \"mapper\"\n[services.b]\nkind = \"mapper\"",
         &["the graph has 2 services of kind mapper (a, b), expected one"],

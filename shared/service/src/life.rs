@@ -145,9 +145,9 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
         runtime.set_waits_for(None);
         runtime.set_note(sensor.note());
         let begun = runtime.now();
+        let is_late = runtime.stop().is_some() && !runtime.may_end();
         for _ in 0..BATCH {
-            let is_over = runtime.stop().is_some() && runtime.may_end();
-            if is_over || runtime.now().saturating_duration_since(begun) >= LOOK_AFTER {
+            if (is_late && runtime.may_end()) || runtime.now().saturating_duration_since(begun) >= LOOK_AFTER {
                 break;
             }
             while let Some(command) = runtime.order_at(made) {
@@ -176,7 +176,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
                     None => break 'playing,
                 },
             };
-            if runtime.is_catching_up() || !again.is_empty() || runtime.stop().is_some() {
+            if runtime.is_catching_up() || !again.is_empty() || is_late {
                 // Some of it was sent by an earlier process: no time is to be lost with that.
                 pace.skip_to(stamp_ns, runtime.now());
             }
