@@ -186,7 +186,7 @@ ECHOGRID_ASSERT(offsetof(struct echogrid_map_tile, sonar) == 26, "echogrid/MapTi
 ECHOGRID_ASSERT(offsetof(struct echogrid_map_tile, reserved) == 28, "echogrid/MapTile/2");
 ECHOGRID_ASSERT(offsetof(struct echogrid_map_tile, log_odds) == 32, "echogrid/MapTile/2");
 
-/* echogrid/MapInfo/6 */
+/* echogrid/MapInfo/7 */
 struct echogrid_map_info {
     uint64_t revision;
     uint64_t scans;
@@ -208,28 +208,30 @@ struct echogrid_map_info {
     uint32_t sonar_count;
     uint32_t reserved;
     uint32_t sonar_verdicts[4096];
+    uint32_t reserved_behind;
 };
-ECHOGRID_ASSERT(sizeof(struct echogrid_map_info) == 16696, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, revision) == 0, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, scans) == 8, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_known) == 16, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_occupied) == 24, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_free) == 32, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, entropy_bits) == 40, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, trust) == 48, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, distance_m) == 56, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, bounds) == 64, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, verdicts) == 80, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, remapped) == 208, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, remap_left) == 216, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, leaps) == 224, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, contradictions) == 256, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, flags) == 288, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, fixes) == 292, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, fixes_refused) == 296, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, sonar_count) == 300, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, reserved) == 304, "echogrid/MapInfo/6");
-ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, sonar_verdicts) == 308, "echogrid/MapInfo/6");
+ECHOGRID_ASSERT(sizeof(struct echogrid_map_info) == 16696, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, revision) == 0, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, scans) == 8, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_known) == 16, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_occupied) == 24, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, cells_free) == 32, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, entropy_bits) == 40, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, trust) == 48, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, distance_m) == 56, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, bounds) == 64, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, verdicts) == 80, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, remapped) == 208, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, remap_left) == 216, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, leaps) == 224, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, contradictions) == 256, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, flags) == 288, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, fixes) == 292, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, fixes_refused) == 296, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, sonar_count) == 300, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, reserved) == 304, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, sonar_verdicts) == 308, "echogrid/MapInfo/7");
+ECHOGRID_ASSERT(offsetof(struct echogrid_map_info, reserved_behind) == 16692, "echogrid/MapInfo/7");
 
 /* echogrid/RangeVerdict/1 */
 struct echogrid_range_verdict {

@@ -160,7 +160,7 @@ class MapTile(ctypes.Structure):
 
 
 class MapInfo(ctypes.Structure):
-    """echogrid/MapInfo/6, 16696 bytes."""
+    """echogrid/MapInfo/7, 16696 bytes."""
 
     _fields_ = [
         ("revision", ctypes.c_uint64),
@@ -183,11 +183,12 @@ class MapInfo(ctypes.Structure):
         ("sonar_count", ctypes.c_uint32),
         ("reserved", ctypes.c_uint32),
         ("sonar_verdicts", ctypes.c_uint32 * 4096),
+        ("reserved_behind", ctypes.c_uint32),
     ]
 
     @staticmethod
     def type_name():
-        return "echogrid/MapInfo/6"
+        return "echogrid/MapInfo/7"
 
 
 class RangeVerdict(ctypes.Structure):
@@ -370,7 +371,7 @@ _OFFSETS = {
     Incidents: (32, [0, 8, 16, 24, 28]),
     OdometryEstimate: (304, [0, 8, 16, 24, 144, 152, 160, 168, 176, 184, 192, 200, 208, 216, 224, 228, 232, 236, 240, 272]),
     MapTile: (16416, [0, 4, 8, 16, 24, 26, 28, 32]),
-    MapInfo: (16696, [0, 8, 16, 24, 32, 40, 48, 56, 64, 80, 208, 216, 224, 256, 288, 292, 296, 300, 304, 308]),
+    MapInfo: (16696, [0, 8, 16, 24, 32, 40, 48, 56, 64, 80, 208, 216, 224, 256, 288, 292, 296, 300, 304, 308, 16692]),
     RangeVerdict: (4, [0, 2, 3]),
     Ack: (24, [0, 4, 8, 16]),
     Health: (1056, [0, 32, 36, 40, 48, 56, 64, 72, 80, 88, 92, 96, 288, 800]),

@@ -168,7 +168,7 @@ wire! {
 
 wire! {
     /// `map/info`: the map in numbers.
-    "echogrid/MapInfo/6" MapInfoWire {
+    "echogrid/MapInfo/7" MapInfoWire {
         /// Number of the last scan in the map.
         revision: u64,
         /// Scans integrated.
@@ -210,6 +210,8 @@ wire! {
         reserved: u32,
         /// Readings by verdict code, 16 counts for each sonar, by its number; 2^32 − 1: that many or more.
         sonar_verdicts: [u32; 4096],
+        /// Zero, too: no byte of the message is left to chance.
+        reserved_behind: u32,
     }
 }
 
@@ -302,6 +304,7 @@ impl From<&MapInfo> for MapInfoWire {
             contradictions: (&info.contradictions).into(),
             sonar_count: info.sonars.len().min(MAX_SENSORS) as u32,
             reserved: 0,
+            reserved_behind: 0,
             sonar_verdicts,
         }
     }
