@@ -10,7 +10,7 @@ fuzz_target!(|bytes: &[u8]| {
     let (is_live, bytes) = bytes.split_first().map_or((false, bytes), |(first, rest)| (first % 2 == 1, rest));
     let mut stream = LineStream::new("fuzz", RangeUnit::Metres, None);
     let Ok(mut lines) = PrintedLines::new(bytes) else { return };
-    let mut check = |stream: &mut LineStream| {
+    let check = |stream: &mut LineStream| {
         while let Some(event) = stream.pop() {
             let robot = stream.robot().expect("events are of a robot");
             match event {
