@@ -10,8 +10,6 @@ const FUNCTION_LINES_MAX: usize = 60;
 
 /// Files that are longer, and why.
 const LONG_FILES: &[(&str, &str)] = &[
-    ("launch/cli.rs", "the command line as one declaration"),
-    ("launch/config/schema/graph.rs", "every key of the graph file, one after the other"),
     ("launch/config/tests.rs", "one table of wrong graph files and what is said of each"),
     ("shared/core/src/kernel/oriented.rs", "one kernel, with its reference for wide apertures"),
 ];

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
+use serde::Serialize;
 
-use super::Goal;
 use crate::commands::align::Align;
 
 /// What is judged, and by what.
@@ -49,4 +49,14 @@ pub struct Evaluate {
     /// Sets any key in every run.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub sets: Vec<String>,
+}
+
+/// What learning is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Goal {
+    /// The fewest bits.
+    Bits,
+    /// The most walls found, with at most 5 % of the free cells called occupied.
+    Walls,
 }

@@ -4,15 +4,20 @@
 
 mod graph;
 mod json;
+mod localizing;
+mod mapping;
 mod robot;
+mod sensing;
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-pub(crate) use graph::{GRAPH, ODOMETRY, SERVICE, SIMULATOR, TOPIC};
+pub(crate) use graph::{GRAPH, SERVICE, TOPIC};
 pub(crate) use json::{graph as json_schema_of_graphs, robot as json_schema_of_robots};
+pub(crate) use localizing::ODOMETRY;
 pub(crate) use robot::{FOOTPRINT, LIDAR, ROBOT, SONAR, SONARS};
+pub(crate) use sensing::SIMULATOR;
 
 /// A table of a file.
 pub(crate) struct Section {
