@@ -1,38 +1,8 @@
 //! Any bytes as a log of any format, packed or not: what the survey promises, the reader gives.
 #![no_main]
 
-use std::path::PathBuf;
-use std::sync::LazyLock;
-
-use echogrid_formats::log::{self, LogEvent};
+use echogrid_formats::log::SurveyOptions;
+use echogrid_fuzz::log_files::{file_of, read};
 use libfuzzer_sys::fuzz_target;
 
-/// In memory; a log is read by its path.
-static FILE: LazyLock<PathBuf> = LazyLock::new(|| format!("/dev/shm/echogrid-fuzz-{}", std::process::id()).into());
-
-fuzz_target!(|bytes: &[u8]| {
-    std::fs::write(&*FILE, bytes).expect("there is room");
-    let survey = log::survey(&FILE);
-    if let Ok(survey) = &survey {
-        let (mut odometry, mut scans, mut last_ns) = (0, 0, survey.first_stamp_ns);
-        for event in log::open(&FILE, survey).expect("it could be read before") {
-            let event = event.expect("it could be read before");
-            assert!(event.stamp_ns() >= last_ns);
-            last_ns = event.stamp_ns();
-            match event {
-                LogEvent::Odometry { odom_from_base, .. } => {
-                    odometry += 1;
-                    assert!(odom_from_base.is_finite());
-                }
-                LogEvent::Scan { readings, .. } => {
-                    scans += 1;
-                    assert!(readings.len() <= survey.max_readings_per_scan);
-                    assert!(readings.iter().all(|reading| survey.robot.transducer(reading.transducer).is_some()));
-                }
-                LogEvent::TruePose { .. } => {}
-            }
-        }
-        assert_eq!((odometry, scans), (survey.odometry_count, survey.scan_count));
-    }
-    std::fs::remove_file(&*FILE).expect("it is there");
-});
+fuzz_target!(|bytes: &[u8]| read(file_of(bytes), SurveyOptions::default()));

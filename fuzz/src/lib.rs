@@ -1,4 +1,6 @@
-//! What the targets share: numbers out of the bytes that the fuzzer grows.
+//! What the targets share: numbers out of the bytes that the fuzzer grows, and files that hold them.
+
+pub mod log_files;
 
 /// Takes its numbers from the front; none when too little is left.
 pub struct Numbers<'a> {
