@@ -1,9 +1,10 @@
 //! Orders of the user to services that die over them.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use echogrid_harness::fault::{GATE_VARIABLE, Mode};
-use echogrid_harness::{Ended, GraphProcess};
+use echogrid_harness::{Ended, GraphProcess, files};
+use echogrid_topics::Domain;
 use nix::sys::signal::Signal;
 
 use super::graph_file::{GraphFile, NOTHING};
@@ -36,6 +37,15 @@ fn wait_at_the_gate(graph: &mut GraphProcess) {
     });
 }
 
+/// Waits until a tool has come to a graph in which nothing else happens: there is more in its shared memory than `before`.
+fn wait_for_a_tool(domain: &Domain, before: usize) {
+    let deadline = Instant::now() + Duration::from_secs(60);
+    while files(domain).len() <= before {
+        assert!(Instant::now() < deadline, "no tool came");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
 fn end(drive: &Drive, name: &str, graph: GraphProcess) -> Ended {
     std::fs::write(drive.out(&format!("{name}.gate")), "").unwrap();
     let ended = graph.wait();
@@ -57,17 +67,18 @@ fn an_order_to_a_service_that_dies_is_carried_out_once() {
             let file = gated(&drive, name);
             let mut graph = start(&file);
             wait_at_the_gate(&mut graph);
-            let domain = graph.domain().name().to_owned();
+            let domain = graph.domain().clone();
             // Stopped, it has the order before it when it dies.
             if way > 0 {
                 graph.stop(service);
             }
-            let words: Vec<&str> = order.iter().copied().chain(["--domain", &domain]).collect();
+            let words: Vec<&str> = order.iter().copied().chain(["--domain", domain.name()]).collect();
+            let before = files(&domain).len();
             let told = std::thread::scope(|scope| {
                 let told = scope.spawn(|| echogrid(&words));
                 if way > 0 {
-                    // Time to arrive; if it has not, the successor alone hears it, which is as good.
-                    std::thread::sleep(Duration::from_millis(100));
+                    // If the order itself is still on its way, the successor alone hears it, which is as good.
+                    wait_for_a_tool(&domain, before);
                     graph.kill(service);
                     graph.go_on(service);
                 }
@@ -97,12 +108,13 @@ fn an_order_to_a_graph_that_dies_fails_soon_and_says_so() {
     let drive = Drive::new(0.5);
     let mut graph = start(&gated(&drive, "gone"));
     wait_at_the_gate(&mut graph);
-    let domain = graph.domain().name().to_owned();
+    let domain = graph.domain().clone();
     graph.stop("publisher");
-    let words = ["save", "--domain", &domain];
+    let words = ["save", "--domain", domain.name()];
+    let before = files(&domain).len();
     let told = std::thread::scope(|scope| {
         let told = scope.spawn(|| echogrid(words));
-        std::thread::sleep(Duration::from_millis(100));
+        wait_for_a_tool(&domain, before);
         graph.signal(Signal::SIGKILL);
         graph.kill("publisher");
         told.join().unwrap()
