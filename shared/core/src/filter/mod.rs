@@ -175,13 +175,8 @@ impl Chain {
             }
         }
         let usual_share = self.hearing.usual_share();
-        let mut silent: Vec<u16> = Vec::new();
-        for (reading, _) in scan.iter().filter(|(reading, _)| is_sonar(reading)) {
-            if self.hearing.is_silent(reading.transducer, usual_share) {
-                silent.push(reading.transducer);
-            }
-        }
-        silent
+        let sonars = scan.iter().filter(|(reading, _)| is_sonar(reading)).map(|(reading, _)| reading.transducer);
+        sonars.filter(|sonar| self.hearing.is_silent(*sonar, usual_share)).collect()
     }
 
     /// The verdict on a reading that told no range; none where that says something by itself.
