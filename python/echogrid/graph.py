@@ -177,7 +177,7 @@ class Participant:
         put_text(self.health.service, name)
         self._heard = Input(self.domain, "health")
         self._gone = set(filter(None, os.environ.get("ECHOGRID_GONE", "").split(",")))
-        self._pids, self._acks, self._next_beat = set(), {}, 0.0
+        self._pids, self._acks, self._first_acks, self._next_beat = set(), {}, {}, 0.0
         self.inputs = {topic: Input(self.domain, topic) for topic in reads}
         self.outputs = {}
         self._health_out = Output(self.domain, "health", time.time_ns())
@@ -210,6 +210,21 @@ class Participant:
             lowest = min(lowest, sequence if epoch == output.epoch else 0)
         return lowest
 
+    def may_end(self, topic):
+        """Whether a topic may end here: no reader has more of it, of an earlier life of this program, and would not take the
+        end for one. What readers had stored when they were heard of first tells how much that can be: a window beyond it."""
+        output = self.outputs[topic]
+        if output.topic.delivery != "lossless":
+            return True
+        if self.acknowledged(topic) is None:
+            return False
+        stored = [
+            sequence if epoch == output.epoch else 0
+            for (_, code), (epoch, sequence) in self._first_acks.items()
+            if code == output.topic.code
+        ]
+        return not any(stored) or output.sequence >= max(max(stored), min(stored) + self.window(topic))
+
     def beat(self, now=False):
         """Says how this process is, if that is due."""
         if now or time.monotonic() >= self._next_beat:
@@ -233,6 +248,7 @@ class Participant:
         elif health.state > STARTING:
             for ack in health.acks[: min(health.ack_count, len(health.acks))]:
                 key, heard = (name, ack.topic), (ack.epoch, ack.sequence)
+                self._first_acks.setdefault(key, heard)
                 before = self._acks.get(key, (0, 0))
                 self._acks[key] = max(before, heard) if before[0] == heard[0] else heard
         if health.pid not in self._pids:

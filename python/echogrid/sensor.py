@@ -103,14 +103,14 @@ class Sensor:
         process, output, stamp_ns = self._process, self._process.outputs[topic], round(stamp * 1e9)
         process.attend()
         while True:
-            if process.is_stopped:
+            if process.is_stopped and all(process.may_end(name) for name in process.outputs):
                 raise Stopped
             acknowledged = process.acknowledged(topic)
             if acknowledged is not None and output.sequence < acknowledged:
                 # An earlier life of this program said it, and everybody has it.
                 output.sequence += 1
                 break
-            due_s = self._due_in(stamp_ns)
+            due_s = 0.0 if process.is_stopped else self._due_in(stamp_ns)
             if due_s <= 0 and acknowledged is not None and output.sequence < acknowledged + process.window(topic):
                 output.send(stamp_ns, payload)
                 output.ring()
