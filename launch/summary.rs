@@ -76,6 +76,17 @@ pub struct Summary {
     pub log_faults: Vec<String>,
     /// The files that were written.
     pub files: Vec<PathBuf>,
+    /// The recording of the run, if one was asked for.
+    pub recording: Option<Recording>,
+}
+
+/// The recording of a run.
+#[derive(Debug, Serialize)]
+pub struct Recording {
+    /// Where it is.
+    pub file: PathBuf,
+    /// Whether it goes on to the end of the run.
+    pub is_whole: bool,
 }
 
 /// What went wrong so often.
@@ -188,6 +199,7 @@ impl Summary {
             given_up: outcome.given_up.clone(),
             log_faults: Vec::new(),
             files: Vec::new(),
+            recording: None,
         }
     }
 }
@@ -301,6 +313,10 @@ impl fmt::Display for Summary {
         }
         for (i, file) in self.files.iter().enumerate() {
             writeln!(f, "{}{}", if i == 0 { "files     " } else { "          " }, file.display())?;
+        }
+        if let Some(Recording { file, is_whole }) = &self.recording {
+            let early = if *is_whole { "" } else { ": ended before the run did" };
+            writeln!(f, "recording {}{early}", file.display())?;
         }
         Ok(())
     }

@@ -58,10 +58,12 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         let judged = score::judge(&request);
         let told = Told { summary: &summary, score: judged.as_ref().ok() };
         super::print(&super::json_text(&told)?)?;
-        return judged.map(drop);
+        judged?;
+    } else {
+        super::print(&summary.to_string())?;
+        score::run(&request)?;
     }
-    super::print(&summary.to_string())?;
-    score::run(&request)
+    graph::check_recording(&summary)
 }
 
 /// One document: the summary of the run, and the score of its map.

@@ -29,7 +29,7 @@ use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
 use crate::limits;
 use crate::progress::Display;
-use crate::summary::Summary;
+use crate::summary::{Recording, Summary};
 use crate::supervisor::{self, Graph};
 
 /// A reference of less than this share of a log is hardly of it.
@@ -40,7 +40,14 @@ const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 /// Runs the graph that was asked for, and tells what came of it.
 pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     let summary = summary_of(request, view)?;
-    super::print_found(&summary, view.json)
+    super::print_found(&summary, view.json)?;
+    check_recording(&summary)
+}
+
+/// Whoever asked for a recording must not take a part of it for the whole; the map is saved by then.
+pub(super) fn check_recording(summary: &Summary) -> Result<()> {
+    let Some(Recording { file, is_whole: false }) = &summary.recording else { return Ok(()) };
+    bail!("{}: the recording ended before the run did, as was said then; the map is saved, and whole", file.display())
 }
 
 /// Runs the graph that was asked for; what came of it.
@@ -183,6 +190,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         summary.slam = Some(super::closures::read(&config.run.out)?);
     }
     summary.files = written(config, &before);
+    summary.recording = recording.map(|file| Recording { is_whole: echogrid_recorder::is_whole(&file), file });
     Ok(summary)
 }
 

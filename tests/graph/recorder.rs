@@ -95,8 +95,10 @@ fn recording_onto_a_full_disk() {
     let record = format!("--record={}", disk.join("run.mcap").display());
     let recorded = drive.map("recorded", &[&record]);
     let said = said(&recorded);
-    assert!(recorded.status.success(), "{said}");
     assert!(said.contains("the recording ends here") && said.contains("No space left on device"), "{said}");
+    // The map is there, and nobody takes the part for the whole.
+    assert_eq!(recorded.status.code(), Some(1), "{said}");
+    assert!(said.contains("run.mcap: the recording ended before the run did"), "{said}");
     assert_same_map(&drive.out("run"), &drive.out("recorded"));
 }
 

@@ -10,7 +10,7 @@ mod by_hand;
 pub mod config;
 mod recording;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -18,6 +18,7 @@ pub use by_hand::record;
 use config::RecorderConfig;
 use echogrid_core::Robot;
 use echogrid_core::parts::{Parts, Saved};
+use echogrid_formats::log::McapWriter;
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, in_words, process};
 use echogrid_topics::{Message, Topic};
 use serde::Deserialize;
@@ -25,25 +26,7 @@ use serde::Deserialize;
 pub use crate::recording::Recorded;
 use crate::recording::Recording;
 
-/// What it is waited for on.
-const READS: &[Topic] = &[
-    Topic::RobotDescription,
-    Topic::TruePose,
-    Topic::OdometryRaw,
-    Topic::RangeScan,
-    Topic::OdometryEstimate,
-    Topic::MapTiles,
-];
-/// What it takes what comes of.
-const LOOKS_ON: &[Topic] = &[
-    Topic::TrueWorld,
-    Topic::RangeVerdict,
-    Topic::MapInfo,
-    Topic::LocalizationRequest,
-    Topic::LocalizationFix,
-    Topic::Health,
-];
-/// All of it.
+/// All that it records: what it is waited for on, then what it takes what comes of.
 pub const INPUTS: &[Topic] = &[
     Topic::RobotDescription,
     Topic::TruePose,
@@ -58,8 +41,16 @@ pub const INPUTS: &[Topic] = &[
     Topic::LocalizationFix,
     Topic::Health,
 ];
+const READS_AND_LOOKS_ON: (&[Topic], &[Topic]) = INPUTS.split_at(6);
 /// What it declares of itself.
-pub const DECLARATION: Declaration = Declaration { reads: READS, looks_on: LOOKS_ON, writes: &[], orders: &[] };
+pub const DECLARATION: Declaration =
+    Declaration { reads: READS_AND_LOOKS_ON.0, looks_on: READS_AND_LOOKS_ON.1, writes: &[], orders: &[] };
+
+/// Whether a recording goes on to the end of its run: one that ended early, or is not there, does not.
+#[must_use]
+pub fn is_whole(file: &Path) -> bool {
+    McapWriter::is_finished(file).unwrap_or(false)
+}
 
 /// The part of `[run]` that the recorder needs.
 #[derive(Debug, Deserialize)]
@@ -72,6 +63,8 @@ struct Run {
 pub struct RecorderService {
     file: PathBuf,
     config: RecorderConfig,
+    /// Whether what is stored of this service outlives the machine: then what is in the file by then must, too.
+    is_synced: bool,
     robot: Option<Robot>,
     state: State,
 }
@@ -91,7 +84,7 @@ impl RecorderService {
     /// Records to `file`.
     #[must_use]
     pub fn new(file: PathBuf, config: RecorderConfig) -> Self {
-        Self { file, config, robot: None, state: State::Ahead(None) }
+        Self { file, config, is_synced: false, robot: None, state: State::Ahead(None) }
     }
 
     /// From the plan of a run.
@@ -101,7 +94,7 @@ impl RecorderService {
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
         let config: RecorderConfig = plan.section("recorder")?;
-        Ok(Self::new(config.path(&run.out), config))
+        Ok(Self { is_synced: plan.synced, ..Self::new(config.path(&run.out), config) })
     }
 
     /// The recording, opened if it is not yet; none when it is over.
@@ -186,7 +179,14 @@ impl Service for RecorderService {
 
     /// How much of the file counts: who goes on cuts off what follows, which comes again.
     fn save(&mut self, parts: &mut Parts) {
-        let length: Option<u64> = self.with(Recording::flush);
+        let is_synced = self.is_synced;
+        let length: Option<u64> = self.with(|recording| {
+            let length = recording.flush()?;
+            if is_synced {
+                recording.sync()?;
+            }
+            Ok(length)
+        });
         parts.put_value("length", &length);
         parts.put_value("robot", &self.robot);
         parts.put_value("over", &matches!(self.state, State::Over));

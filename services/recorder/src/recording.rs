@@ -137,10 +137,15 @@ impl Recording {
         self.flushed = Instant::now();
         let length = self.file.writer.flush()?;
         if self.synced.elapsed() >= SYNC_EVERY {
-            self.file.writer.sync()?;
-            self.synced = Instant::now();
+            self.sync()?;
         }
         Ok(length)
+    }
+
+    /// What is in the file survives a power cut.
+    pub(crate) fn sync(&mut self) -> std::io::Result<()> {
+        self.synced = Instant::now();
+        self.file.writer.sync()
     }
 
     /// Ends the file; how many messages this process has recorded, and missed: `missed` besides those that it knows of.

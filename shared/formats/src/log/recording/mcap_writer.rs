@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
+use std::path::Path;
 
 use super::container::Bytes;
 use super::mcap::{MAGIC, op};
@@ -79,6 +80,22 @@ impl McapWriter {
         });
         file.write_all(&head)?;
         Ok(Self::at(file, head.len() as u64))
+    }
+
+    /// Whether the file of this path was ended by [`McapWriter::finish`].
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn is_finished(path: &Path) -> io::Result<bool> {
+        let mut file = File::open(path)?;
+        let magic_bytes = MAGIC.len() as u64;
+        if file.metadata()?.len() < 2 * magic_bytes {
+            return Ok(false);
+        }
+        let mut end = [0; MAGIC.len()];
+        file.seek(SeekFrom::End(-magic_bytes.cast_signed()))?;
+        file.read_exact(&mut end)?;
+        Ok(end == MAGIC)
     }
 
     fn at(file: File, length: u64) -> Self {
