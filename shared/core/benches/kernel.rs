@@ -1,125 +1,133 @@
-//! How many rings of 16 sonars are mapped per second (`items` of the table), with the paper's full model, with
-//! `first_echo`, and with `first_echo` behind the filters that come by default.
+//! How many rings of 16 sonars and scans of 360 laser beams are mapped per second of processor time, by one thread.
 //!
-//! `synthetic_*`: a robot with the sonars of a Pioneer 3-AT on a drive through a hall, 85 % of the readings echoes, of
-//! 2.78 m in the mean. `recorded_*`: the rings of `workload_s.bin` (little-endian f32: x, y, theta, 16 ranges, 5 m = no
-//! echo), if there is `$ECHOGRID_DATA/workload_s.bin`, or the file beside the workspace.
+//! `cargo bench -p echogrid-core --bench kernel -- [WORK…]` prints a line per work: its name, and the scans per second of each of
+//! `REPEATS` (5) runs. `workload_s.bin` (little-endian f32: x, y, theta, 16 ranges, 5 m = no echo) and `workload_l.bin` (likewise, 360
+//! beams of a lidar, 20 m = no echo) lie in `$ECHOGRID_WORKLOAD`, in `$ECHOGRID_DATA/workload` or in the data beside the workspace;
+//! without them it fails. `benches/compare` sets the rates beside those of other programs.
 
-#![allow(clippy::expect_used, clippy::print_stdout, reason = "a benchmark")]
+#![allow(clippy::expect_used, clippy::print_stdout, clippy::print_stderr, reason = "a benchmark")]
 
+#[allow(dead_code, reason = "the other benchmarks take the rest")]
 mod drive;
 
-use divan::counter::ItemsCount;
-use divan::{Bencher, black_box};
-use drive::{Ring, SONARS, pioneer, recorded, synthetic};
-use echogrid_core::config::{Fusion, Limit, NoEcho, Noise};
-use echogrid_core::{Estimate, GridMapper, MapperConfig, OdometryErrors, Reading};
+use std::process::ExitCode;
 
-fn main() {
-    divan::main();
-}
+use drive::{pioneer, records};
+use echogrid_core::config::{Filter, Fusion, Limit, NoEcho, Noise};
+use echogrid_core::{
+    Echo, Estimate, GridMapper, MapperConfig, OdometryErrors, Pose2, Reading, Robot, Sensor, SensorKind,
+};
 
-/// A robot that knows where it is.
-fn certain() -> OdometryErrors {
-    OdometryErrors::default()
-}
+const BEAMS: u16 = 360;
 
-/// A robot 10 m and half a turn after its last fix.
-fn doubtful() -> OdometryErrors {
-    OdometryErrors { eps_lin_m2: 4e-3, eps_ang_rad2: 3e-3, ..OdometryErrors::default() }
-}
-
-/// What is measured.
-#[derive(Clone, Copy)]
+/// Something to measure.
 struct Work {
+    name: &'static str,
     fusion: Fusion,
-    errors: OdometryErrors,
-    /// Whether all filters judge each ring.
-    filtered: bool,
     /// What no echo says.
     no_echo: NoEcho,
+    is_laser: bool,
 }
 
-fn paper(errors: OdometryErrors) -> Work {
-    Work { fusion: Fusion::Paper, errors, filtered: false, no_echo: NoEcho::Ignore }
-}
+const WORKS: [Work; 6] = [
+    Work { name: "paper", fusion: Fusion::Paper, no_echo: NoEcho::Ignore, is_laser: false },
+    Work { name: "paper_all_cells", fusion: Fusion::Paper, no_echo: NoEcho::Clear, is_laser: false },
+    Work { name: "first_echo", fusion: Fusion::FirstEcho, no_echo: NoEcho::Ignore, is_laser: false },
+    Work { name: "oriented", fusion: Fusion::Oriented, no_echo: NoEcho::Ignore, is_laser: false },
+    Work { name: "laser", fusion: Fusion::Paper, no_echo: NoEcho::Ignore, is_laser: true },
+    Work { name: "laser_covariance", fusion: Fusion::Covariance, no_echo: NoEcho::Ignore, is_laser: true },
+];
 
-fn first_echo(filtered: bool) -> Work {
-    Work { fusion: Fusion::FirstEcho, errors: certain(), filtered, no_echo: NoEcho::Ignore }
-}
+type Scan = Vec<(Reading, Option<Estimate>)>;
 
-fn map(bencher: Bencher<'_, '_>, rings: Option<&[Ring]>, work: Work) {
-    let Some(rings) = rings else {
-        println!("no workload_s.bin");
-        return;
+/// The scans of a workload, as an exact robot heard them.
+fn scans(is_laser: bool) -> Result<Vec<Scan>, String> {
+    let (file, beams, none_m) = if is_laser { ("workload_l.bin", BEAMS, 20.0) } else { ("workload_s.bin", 16, 5.0) };
+    let scan = |record: &[f64]| {
+        let pose = Pose2::new(record[0], record[1], record[2]);
+        let estimate = Estimate { errors: OdometryErrors::default(), ..Estimate::certain(pose) };
+        let reading = |(transducer, range_m): (u16, &f64)| {
+            let echo = if *range_m < none_m { Echo::Hit { range_m: *range_m } } else { Echo::NoEcho };
+            (Reading { transducer, echo, offset_ns: 0 }, Some(estimate))
+        };
+        (0..beams).zip(&record[3..]).map(reading).collect()
     };
-    let Work { fusion, errors, filtered, no_echo } = work;
-    // The peers map up to the 5 m that the sonars see.
-    let config =
-        MapperConfig { fusion, no_echo, max_range_m: Limit::Metres(4.999), min_trust: 0.0, ..MapperConfig::default() };
-    let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, pioneer()).expect("valid");
-    let mut sequence = 0;
-    bencher.counter(ItemsCount::new(rings.len())).bench_local(|| {
-        for ring in rings {
-            let estimate = Estimate { errors, ..Estimate::certain(ring.pose) };
-            sequence += 1;
-            let scan: [(Reading, Option<Estimate>); SONARS] = ring.readings().map(|reading| (reading, Some(estimate)));
-            if filtered {
-                black_box(mapper.integrate_scan(sequence, &scan));
-            } else {
-                for (reading, estimate) in &scan {
-                    black_box(mapper.integrate(sequence, reading, estimate.as_ref()));
-                }
-            }
+    let numbers = records(file)?;
+    let most = std::env::var("SCANS").ok().and_then(|n| n.parse().ok()).unwrap_or(usize::MAX);
+    Ok(numbers.chunks_exact(3 + usize::from(beams)).take(most).map(scan).collect())
+}
+
+/// A lidar whose beams lie side by side.
+fn lidar() -> Robot {
+    let step_rad = core::f64::consts::TAU / f64::from(BEAMS);
+    let sensor = Sensor {
+        kind: SensorKind::Lidar,
+        base_from_sensor: Pose2::IDENTITY,
+        first_transducer: 0,
+        transducers: BEAMS,
+        first_bearing_rad: -core::f64::consts::PI,
+        bearing_step_rad: step_rad,
+        aperture_rad: step_rad,
+        range_min_m: 0.02,
+        range_max_m: 20.0,
+        range_error_ratio: 0.01,
+    };
+    Robot { sensors: vec![sensor], ..Robot::default() }
+}
+
+/// Processor time of this thread, seconds.
+fn processor_s() -> Result<f64, String> {
+    const FILE: &str = "/proc/thread-self/schedstat";
+    let text = std::fs::read_to_string(FILE).map_err(|error| format!("{FILE}: {error}"))?;
+    let ns: Option<f64> = text.split_whitespace().next().and_then(|ns| ns.parse().ok());
+    ns.map(|ns| ns * 1e-9).ok_or_else(|| format!("{FILE} is {text:?}; expected numbers"))
+}
+
+/// Scans per second of one run.
+fn rate(work: &Work, scans: &[Scan]) -> Result<f64, String> {
+    let (robot, none_m) = if work.is_laser { (lidar(), 20.0) } else { (pioneer(), 5.0) };
+    let config = MapperConfig {
+        fusion: work.fusion,
+        no_echo: work.no_echo,
+        filters: vec![Filter::Range],
+        footprint_m: Limit::Metres(0.0),
+        // The peers map up to what the sensor sees.
+        max_range_m: Limit::Metres(none_m - 0.001),
+        min_trust: 0.0,
+        remap: false,
+        ..MapperConfig::default()
+    };
+    let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, robot).expect("valid");
+    let begun = processor_s()?;
+    for (sequence, scan) in (1..).zip(scans) {
+        std::hint::black_box(mapper.integrate_scan(sequence, scan));
+    }
+    Ok(scans.len() as f64 / (processor_s()? - begun))
+}
+
+fn run(names: &[String]) -> Result<(), String> {
+    let repeats = std::env::var("REPEATS").ok().and_then(|n| n.parse().ok()).unwrap_or(5);
+    if let Some(unknown) = names.iter().find(|name| WORKS.iter().all(|work| work.name != **name)) {
+        return Err(format!("no work is called {unknown}; there are {:?}", WORKS.map(|work| work.name)));
+    }
+    for work in WORKS.iter().filter(|work| names.is_empty() || names.iter().any(|name| name == work.name)) {
+        let scans = scans(work.is_laser)?;
+        print!("{}", work.name);
+        for _ in 0..repeats {
+            print!(" {:.0}", rate(work, &scans)?);
         }
-        mapper.take_changed()
-    });
+        println!();
+    }
+    Ok(())
 }
 
-#[divan::bench(sample_count = 20)]
-fn synthetic_certain(bencher: Bencher<'_, '_>) {
-    map(bencher, Some(&synthetic()), paper(certain()));
-}
-
-#[divan::bench(sample_count = 20)]
-fn synthetic_doubtful(bencher: Bencher<'_, '_>) {
-    map(bencher, Some(&synthetic()), paper(doubtful()));
-}
-
-#[divan::bench(sample_count = 5)]
-fn recorded_certain(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), paper(certain()));
-}
-
-/// All 1,209 cells of the mean cone: what no echo says counts too.
-#[divan::bench(sample_count = 5)]
-fn recorded_all_cells(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), Work { no_echo: NoEcho::Clear, ..paper(certain()) });
-}
-
-#[divan::bench(sample_count = 5)]
-fn recorded_doubtful(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), paper(doubtful()));
-}
-
-#[divan::bench(sample_count = 5)]
-fn recorded_first_echo(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), first_echo(false));
-}
-
-#[divan::bench(sample_count = 5)]
-fn recorded_oriented(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), Work { fusion: Fusion::Oriented, ..first_echo(false) });
-}
-
-/// Of a robot that does not know where it is; what no echo says counts too.
-#[divan::bench(sample_count = 5)]
-fn recorded_oriented_all_cells_doubtful(bencher: Bencher<'_, '_>) {
-    let work = Work { fusion: Fusion::Oriented, errors: doubtful(), no_echo: NoEcho::Auto, ..first_echo(false) };
-    map(bencher, recorded().as_deref(), work);
-}
-
-#[divan::bench(sample_count = 5)]
-fn recorded_first_echo_filtered(bencher: Bencher<'_, '_>) {
-    map(bencher, recorded().as_deref(), first_echo(true));
+fn main() -> ExitCode {
+    let names: Vec<String> = std::env::args().skip(1).filter(|name| !name.starts_with("--")).collect();
+    match run(&names) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
 }

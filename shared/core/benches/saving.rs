@@ -1,5 +1,5 @@
 //! What it costs to save a mapper every 300 rings of 16 sonars, as often as a fix comes, and to restore it: time against `mapping`, which is those 300 rings, and
-//! bytes, which are printed first. On the rings of the `kernel` benchmark: recorded ones, if there are.
+//! bytes, which are printed first. On the rings of the `kernel` benchmark.
 //!
 //! `plain` is what comes by default; `everything` has the doubt, the sonars' maps, the kept readings and what a fix may change besides.
 
@@ -10,7 +10,7 @@ mod drive;
 use std::cell::RefCell;
 
 use divan::{Bencher, black_box};
-use drive::{Ring, pioneer, recorded, synthetic};
+use drive::{Ring, pioneer, recorded};
 use echogrid_core::config::Noise;
 use echogrid_core::{Fix, Gate, GridMapper, MapperConfig, Odometry, OdometryConfig, Parts, Saved};
 
@@ -54,7 +54,7 @@ struct Drive {
 impl Drive {
     fn new(config: &MapperConfig) -> Self {
         Self {
-            rings: recorded().unwrap_or_else(synthetic),
+            rings: recorded().expect("the workload"),
             odometry: Odometry::new(&OdometryConfig::default()),
             mapper: GridMapper::new(config, Noise::Sampled, 1, pioneer()).expect("valid"),
             at: 0,

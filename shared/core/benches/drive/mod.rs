@@ -58,32 +58,28 @@ impl Ring {
     }
 }
 
-pub(crate) fn synthetic() -> Vec<Ring> {
-    // A small congruential generator: the same rings everywhere.
-    let mut state = 1u64;
-    let mut uniform = move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / 9_007_199_254_740_992.0
-    };
-    let ring = |k: u32| {
-        // A loop of 16 m by 8 m, 5 cm per ring, the heading swaying.
-        let way = f64::from(k) * 0.05 / 6.0;
-        let (s, c) = libm::sincos(way);
-        let mut range = || if uniform() < 0.85 { 0.7 + 4.16 * uniform() } else { NO_ECHO_M };
-        Ring { pose: Pose2::new(8.0 * c, 4.0 * s, way + 1.5), ranges_m: core::array::from_fn(|_| range()) }
-    };
-    (0..2000).map(ring).collect()
+/// The numbers of a file of the workload, which lies in `$ECHOGRID_WORKLOAD`, `$ECHOGRID_DATA/workload` or beside the workspace.
+///
+/// # Errors
+/// It is not there.
+pub(crate) fn records(file: &str) -> Result<Vec<f64>, String> {
+    let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
+    let in_data = || std::env::var_os("ECHOGRID_DATA").map_or_else(beside, PathBuf::from).join("workload");
+    let path = std::env::var_os("ECHOGRID_WORKLOAD").map_or_else(in_data, PathBuf::from).join(file);
+    let bytes = std::fs::read(&path).map_err(|error| {
+        format!("{}: {error}; ECHOGRID_DATA or ECHOGRID_WORKLOAD names another folder", path.display())
+    })?;
+    Ok(bytes.as_chunks().0.iter().map(|four| f64::from(f32::from_le_bytes(*four))).collect())
 }
 
-pub(crate) fn recorded() -> Option<Vec<Ring>> {
-    let beside = || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/workload");
-    let folder = std::env::var_os("ECHOGRID_DATA").map_or_else(beside, PathBuf::from);
-    let bytes = std::fs::read(folder.join("workload_s.bin")).ok()?;
-    let numbers: Vec<f64> =
-        bytes.chunks_exact(4).map(|four| f64::from(f32::from_le_bytes(four.try_into().expect("four bytes")))).collect();
+/// The rings of `workload_s.bin`.
+///
+/// # Errors
+/// As [`records`].
+pub(crate) fn recorded() -> Result<Vec<Ring>, String> {
     let ring = |record: &[f64]| Ring {
         pose: Pose2::new(record[0], record[1], record[2]),
         ranges_m: core::array::from_fn(|k| record[3 + k]),
     };
-    Some(numbers.chunks_exact(3 + SONARS).map(ring).collect())
+    Ok(records("workload_s.bin")?.chunks_exact(3 + SONARS).map(ring).collect())
 }

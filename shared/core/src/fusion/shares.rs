@@ -22,7 +22,9 @@ pub(crate) const MOST: f32 = f32::from_bits(LEAST_BITS + ((u16::MAX as u32) << C
 const ONE: u16 = ((1.0_f32.to_bits() - LEAST_BITS) >> CUT_BITS) as u16;
 
 /// So much more than there is may be read, and written as it was.
-const SLACK: usize = 16;
+pub(crate) const SLACK: usize = 16;
+/// From a state of a cell to the end of what may be read of its last one.
+const ROW: usize = (STATES - 1) * TILE_SIDE + SLACK;
 const CODES: usize = TILE_CELLS * STATES;
 const BYTES: usize = CODES * size_of::<u16>();
 
@@ -56,15 +58,19 @@ impl Shares {
         offset / TILE_SIDE * (TILE_SIDE * STATES) + state * TILE_SIDE + offset % TILE_SIDE
     }
 
-    /// Codes of a state of the cells from `offset` on, as far as they lie in one row.
+    /// Codes of the cells from `offset` on, as far as they lie in one row: those of each state [`TILE_SIDE`] after those of the last.
     #[inline(always)]
-    pub(crate) fn codes(&self, offset: usize, state: usize) -> &[u16] {
-        &self.codes[Self::place(offset, state)..]
+    pub(crate) fn row(&self, offset: usize) -> &[u16; ROW] {
+        let at = Self::place(offset, 0);
+        let (row, _) = self.codes[at..].split_first_chunk().unwrap_or_else(|| unreachable!("{at}"));
+        row
     }
 
     #[inline(always)]
-    pub(crate) fn codes_mut(&mut self, offset: usize, state: usize) -> &mut [u16] {
-        &mut self.codes[Self::place(offset, state)..]
+    pub(crate) fn row_mut(&mut self, offset: usize) -> &mut [u16; ROW] {
+        let at = Self::place(offset, 0);
+        let (row, _) = self.codes[at..].split_first_chunk_mut().unwrap_or_else(|| unreachable!("{at}"));
+        row
     }
 
     /// How much more or less probable each state of a cell is than before any reading, relative to free.

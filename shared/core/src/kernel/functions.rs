@@ -12,6 +12,16 @@ pub(super) fn polynomial<L: Lanes, const N: usize>(coefficients: &[L; N], x: L) 
     sum
 }
 
+/// Likewise, where there are too many coefficients to keep them in all lanes.
+#[inline(always)]
+pub(super) fn polynomial_of<L: Lanes, const N: usize>(coefficients: &[f32; N], x: L) -> L {
+    let mut sum = L::splat(coefficients[N - 1]);
+    for n in (0..N - 1).rev() {
+        sum = x.mul_add(sum, L::splat(coefficients[n]));
+    }
+    sum
+}
+
 /// All coefficients in all lanes.
 #[inline(always)]
 pub(super) fn splat_all<L: Lanes, const N: usize>(coefficients: &[f32; N]) -> [L; N] {
@@ -32,6 +42,18 @@ pub(super) fn reciprocal<L: Lanes>(x: L) -> L {
     let rough = rough.mul_add(more, rough);
     let off = x.neg_mul_add(rough, L::splat(1.0));
     rough.mul_add(off, rough)
+}
+
+/// 1/√x to within 5e-6 of it, for normal x above 0.
+#[inline(always)]
+pub(super) fn reciprocal_root<L: Lanes>(x: L) -> L {
+    let minus_half = x.mul(L::splat(-0.5));
+    let mut root = x.rough_reciprocal_root();
+    for _ in 0..2 {
+        // Newton's step
+        root = root.mul(minus_half.mul(root).mul_add(root, L::splat(1.5)));
+    }
+    root
 }
 
 /// e^x for |x| < 85.
@@ -102,6 +124,7 @@ mod tests {
             assert!((of(exp, x) / libm::exp(f64::from(x)) - 1.0).abs() < 3e-6, "{x}");
             let x = libm::exp2f(step as f32 * 0.01);
             assert!((of(reciprocal, x) * f64::from(x) - 1.0).abs() < 1e-6, "{x}");
+            assert!((of(reciprocal_root, x) * f64::from(x).sqrt() - 1.0).abs() < 5e-6, "{x}");
         }
     }
 

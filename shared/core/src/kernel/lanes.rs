@@ -40,7 +40,7 @@ pub(super) trait Lanes: Copy {
     fn load_codes(from: &[u16]) -> Self;
     /// Writes the codes of the first `count`, which have such, to where there is room for all.
     fn store_codes(self, count: usize, to: &mut [u16]);
-    /// Rounded to what has a code, by `draw`.
+    /// Numbers that have codes, or lie between such, rounded to what has one, by `draw`.
     fn coded(self, draw: u32) -> Self;
     /// The greater of two numbers.
     fn at_least(self, floor: Self) -> Self;
@@ -51,6 +51,10 @@ pub(super) trait Lanes: Copy {
 
     /// 1/self to within 13 %, of a normal number above 0.
     fn rough_reciprocal(self) -> Self;
+    /// 1/√self to within 4 %, of a normal number above 0.
+    fn rough_reciprocal_root(self) -> Self;
+    /// Whether the first `count` are the same as of `other`, or NaN.
+    fn are_none_or(self, other: Self, count: usize) -> bool;
     /// 2^n of what n + [`WHOLE`] is, for |n| < 126.
     fn power_of_two(self) -> Self;
     /// n and 2^n, so that self is `other` × 2^n × something from 0.66 to 1.5. Both above 0 and normal.
@@ -78,6 +82,8 @@ pub(super) trait Doubles: Copy {
 pub(super) const WHOLE: f32 = 12_582_912.0;
 /// A number's bits taken from it are about those of its reciprocal.
 pub(super) const RECIPROCAL_BITS: i32 = 0x7EF1_27EA;
+/// Half of a number's bits taken from it are about those of the reciprocal of its root.
+pub(super) const RECIPROCAL_ROOT_BITS: i32 = 0x5F37_59DF;
 /// Half an octave, in bits; where the exponent begins; what it is of 1.
 pub(super) const HALF_OCTAVE: i32 = 0x0040_0000;
 pub(super) const EXPONENT_BIT: u32 = 23;
@@ -194,7 +200,7 @@ impl Lanes for Portable {
     #[inline(always)]
     fn coded(self, draw: u32) -> Self {
         let coded = |x: f32| f32::from_bits((x.to_bits() + draw) & !shares::CUT);
-        Self(self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST)).0.map(coded))
+        Self(self.0.map(coded))
     }
 
     #[inline(always)]
@@ -215,6 +221,16 @@ impl Lanes for Portable {
     #[inline(always)]
     fn rough_reciprocal(self) -> Self {
         Self(self.0.map(|x| f32::from_bits(RECIPROCAL_BITS.wrapping_sub(x.to_bits() as i32) as u32)))
+    }
+
+    #[inline(always)]
+    fn rough_reciprocal_root(self) -> Self {
+        Self(self.0.map(|x| f32::from_bits((RECIPROCAL_ROOT_BITS - (x.to_bits() >> 1) as i32) as u32)))
+    }
+
+    #[inline(always)]
+    fn are_none_or(self, other: Self, count: usize) -> bool {
+        self.0.iter().zip(&other.0).take(count).all(|(a, b)| a.is_nan() || a == b)
     }
 
     #[inline(always)]

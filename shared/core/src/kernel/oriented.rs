@@ -10,18 +10,18 @@
 
 use super::along::Along;
 use super::first_echo::{BEFORE, FINEST_SIGMA_Z_M, LEFT_OUT, peak, product_of_rests};
-use super::functions::{exp, ln, ln_1p, reciprocal};
+use super::functions::{exp, ln, ln_1p, reciprocal, reciprocal_root};
 use super::geometry::{ANGLE, Band, Geometry, Wide, make_room};
 use super::lanes::Lanes;
 use super::layout::{Beam, Layout, Piece};
-use super::oriented_answers::{Answers, WideAnswers};
+use super::oriented_answers::{Answers, Facing};
 use super::wide::{Width, Work};
 use super::{Apex, OffMap, Place, cells_around};
 use crate::first_echo::BEHIND;
-use crate::grid::{CellIndex, Grid, Tile};
+use crate::grid::{CellIndex, Grid, TILE_SIDE, Tile};
 use crate::oriented::{DIRECTIONS, FacedCell, Oriented, STATES};
 use crate::pose::Pose2;
-use crate::shares::{LEAST, MOST, Shares};
+use crate::shares::{CUT, LEAST, MOST, SLACK, Shares};
 
 /// How far the gain of a state may be from that of the reference model, per reading.
 pub const ORIENTED_BOUND: f64 = 1e-3;
@@ -119,11 +119,19 @@ pub struct OrientedKernel {
 struct Scratch {
     layout: Layout,
     places: Band,
-    /// a of the cells in front of the echo.
-    front: Vec<f32>,
-    front_count: usize,
+    front: FrontCells,
     band: BandCells,
     along: Along,
+}
+
+/// The cells in front of the echo, in the order of the layout.
+#[derive(Debug, Clone, Default)]
+struct FrontCells {
+    count: usize,
+    /// a
+    probabilities: Vec<f32>,
+    /// r of the walls that answer.
+    responses: [Vec<f32>; DIRECTIONS],
 }
 
 /// The cells around the echo, in the order of the layout.
@@ -131,8 +139,8 @@ struct Scratch {
 struct BandCells {
     log_odds: Vec<f32>,
     codes: [Vec<u16>; STATES],
-    /// sin φ / sin ½β
-    asides: Vec<f32>,
+    /// r of the walls that answer.
+    responses: [Vec<f32>; DIRECTIONS],
     /// a
     probabilities: Vec<f32>,
 }
@@ -152,14 +160,16 @@ impl OrientedKernel {
     pub fn new(log_odds_prior: f64, log_odds_max: f64, diffuse: f64, critical_rad: f64) -> Self {
         let facing = (1.0 - diffuse) / DIRECTIONS as f64;
         let most = libm::exp(log_odds_max - log_odds_prior) / facing.min(diffuse).max(1e-6);
+        // Such as have a code, so that what stays as it is need not be looked at.
+        let with_code = |x: f32| f32::from_bits(x.clamp(LEAST, MOST).to_bits() & !CUT);
         Self {
             states: States {
                 start: log_odds_prior as f32,
                 max: log_odds_max as f32,
                 diffuse: diffuse as f32,
                 facing: facing as f32,
-                least: (libm::exp(-log_odds_max - log_odds_prior) as f32).max(LEAST),
-                most: (most as f32).min(MOST),
+                least: with_code(libm::exp(-log_odds_max - log_odds_prior) as f32),
+                most: with_code(most as f32),
             },
             answers: Answers::new(critical_rad),
             scratch: Scratch::default(),
@@ -276,13 +286,14 @@ impl Work for Weighing<'_> {
         let Self { scratch, profile, answers, beam, apex, mut place } = self;
         let cone = &profile.cone;
         scratch.layout.lay_out::<L>(&beam, &apex, &profile.geometry);
-        let wide = Wides::<L>::new(profile, answers);
+        let wide = Wides::<L>::new(profile, answers.diffuse(), answers.facing_in_front());
         look_up::<L>(scratch, profile, &wide, place.grid);
         // Nothing in front of the echo answered
-        let unanswered = product_of_rests::<L>(&scratch.front, scratch.front_count);
+        let unanswered = product_of_rests::<L>(&scratch.front.probabilities, scratch.front.count);
         let mut total = (1.0 - cone.reading.lost) * unanswered;
         if let Some(range_m) = cone.reading.range_m {
             scratch.places.fill::<L>(&scratch.layout);
+            let wide = Wides::<L> { facing_walls: answers.facing(), ..wide };
             weigh_band::<L>(scratch, profile, &wide, range_m);
             let squares = (beam.near_m.max(0.0), beam.far_m);
             let limits = (squares.0 * squares.0 - range_m * range_m, squares.1 * squares.1 - range_m * range_m);
@@ -294,8 +305,12 @@ impl Work for Weighing<'_> {
 }
 
 /// What all cells of a reading need, in all lanes.
-struct Wides<L> {
-    answers: WideAnswers<L>,
+#[derive(Clone, Copy)]
+struct Wides<'a, L> {
+    /// r of what does not mirror.
+    response: L,
+    /// The walls that answer.
+    facing_walls: &'a [Facing],
     start: L,
     max: L,
     min: L,
@@ -310,12 +325,13 @@ struct Wides<L> {
     draw: u32,
 }
 
-impl<L: Lanes> Wides<L> {
+impl<'a, L: Lanes> Wides<'a, L> {
     #[inline(always)]
-    fn new(profile: &Profile, answers: &Answers) -> Self {
+    fn new(profile: &Profile, response: f32, facing_walls: &'a [Facing]) -> Self {
         let Profile { cone, states, .. } = profile;
         Self {
-            answers: WideAnswers::new(answers),
+            response: L::splat(response),
+            facing_walls,
             start: L::splat(states.start),
             max: L::splat(states.max),
             min: L::splat(-states.max),
@@ -340,33 +356,69 @@ impl<L: Lanes> Wides<L> {
         facing.mul(self.facing).add(values[0].mul(self.diffuse))
     }
 
-    /// a of cells with these states, at `aside` across the axis.
+    /// a of cells with these states, at `aside` across the axis; their r go into `responses` from `at` on.
     #[inline(always)]
-    fn answering(&self, values: &[L; STATES], known: L, aside: L) -> L {
+    fn answering(
+        &self,
+        values: &[L; STATES],
+        known: L,
+        aside: L,
+        responses: &mut [Vec<f32>; DIRECTIONS],
+        at: usize,
+    ) -> L {
         let mut facing = L::splat(0.0);
-        for (direction, value) in values[1..].iter().enumerate() {
-            if let Some(r) = self.answers.of(direction, aside) {
-                facing = value.mul_add(r, facing);
-            }
+        for (wall, responses) in self.facing_walls.iter().zip(responses) {
+            let r = wall.at(aside);
+            // What is written beyond the end of a piece, the next one overwrites.
+            r.store(&mut responses[at..]);
+            facing = values[wall.state].mul_add(r, facing);
         }
-        let answered = facing.mul(self.facing).add(values[0].mul(self.diffuse).mul(self.answers.diffuse));
+        let answered = facing.mul(self.facing).add(values[0].mul(self.diffuse).mul(self.response));
         let against = L::splat(0.0).sub(known.or(self.start).add(self.prior_log_odds));
         let against = exp(against.at_most(L::splat(80.0)).at_least(L::splat(-80.0)));
         answered.mul(reciprocal(against.add(L::splat(1.0)).mul(self.sum(values))))
     }
 
-    /// What the states and the log-odds of cells become, in place, that the reading says `x` of.
+    /// What the states and the log-odds of the first `count` cells become, in place, that the reading says `x` of; whether all states
+    /// were looked at, or only those that answer.
     #[inline(always)]
-    fn moved(&self, values: &mut [L; STATES], known: L, aside: L, x: L) -> L {
+    fn moved(
+        &self,
+        values: &mut [L; STATES],
+        known: L,
+        (responses, at, count): (&[Vec<f32>; DIRECTIONS], usize, usize),
+        x: L,
+    ) -> (L, bool) {
         let now = self.log_odds(values);
-        let moved = known.or(now).sub(now).at_most(L::splat(60.0)).at_least(L::splat(-60.0));
-        let moved = exp(moved);
-        for (state, value) in values.iter_mut().enumerate() {
-            let r = if state == 0 { Some(self.answers.diffuse) } else { self.answers.of(state - 1, aside) };
-            let factor = r.map_or(moved, |r| moved.mul(self.gain(r.mul(x))));
-            *value = value.mul(factor).at_least(self.least).at_most(self.most).coded(self.draw);
+        let is_moved = !known.are_none_or(now, count);
+        if is_moved {
+            // By somebody else
+            let moved = exp(known.or(now).sub(now).at_most(L::splat(60.0)).at_least(L::splat(-60.0)));
+            for value in values.iter_mut() {
+                *value = value.mul(moved);
+            }
         }
-        self.log_odds(values)
+        values[0] = values[0].mul(self.gain(self.response.mul(x)));
+        for (wall, responses) in self.facing_walls.iter().zip(responses) {
+            values[wall.state] = values[wall.state].mul(self.gain(L::load(&responses[at..]).mul(x)));
+        }
+        if is_moved {
+            for value in values.iter_mut() {
+                *value = self.coded(*value);
+            }
+        } else {
+            values[0] = self.coded(values[0]);
+            for wall in self.facing_walls {
+                values[wall.state] = self.coded(values[wall.state]);
+            }
+        }
+        (self.log_odds(values), is_moved)
+    }
+
+    /// Within its limits, and such that it has a code. What has one stays as it is.
+    #[inline(always)]
+    fn coded(&self, value: L) -> L {
+        value.at_least(self.least).at_most(self.most).coded(self.draw)
     }
 
     /// (1 + x) to the power of the weight.
@@ -389,8 +441,9 @@ impl<L: Lanes> Wides<L> {
 fn states_of<L: Lanes>(shares: Option<&Shares>, offset: usize) -> [L; STATES] {
     let mut values = [L::splat(1.0); STATES];
     if let Some(shares) = shares {
+        let row = shares.row(offset);
         for (state, value) in values.iter_mut().enumerate() {
-            *value = L::load_codes(shares.codes(offset, state));
+            *value = L::load_codes(&row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
         }
     }
     values
@@ -399,14 +452,15 @@ fn states_of<L: Lanes>(shares: Option<&Shares>, offset: usize) -> [L; STATES] {
 /// sin φ / sin ½β of cells at these distances squared, so far across the axis (scaled).
 #[inline(always)]
 fn aside<L: Lanes>(square: L, across: L) -> L {
-    across.div(square.sqrt())
+    across.mul(reciprocal_root(square))
 }
 
 /// a of the cells in front of the echo, and what is known of those around it.
 #[inline(always)]
-fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<L>, grid: &Grid) {
-    let Scratch { layout, front, front_count, band, .. } = scratch;
-    make_room(front, layout.front.room::<L>());
+fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<'_, L>, grid: &Grid) {
+    let Scratch { layout, front, band, .. } = scratch;
+    make_room(&mut front.probabilities, layout.front.room::<L>());
+    make_room_for_responses(&mut front.responses, wides, layout.front.room::<L>());
     let room = layout.band.room::<L>();
     make_room(&mut band.log_odds, room);
     for codes in &mut band.codes {
@@ -426,24 +480,24 @@ fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<L>,
             let first = usize::from(piece.offset);
             let known = known_of::<L>(tile, piece);
             let values = states_of::<L>(shares, first);
-            // What is written beyond the end of the piece, the next one overwrites.
-            wides.answering(&values, known, aside(square, across)).store(&mut front[at..]);
+            let a = wides.answering(&values, known, aside(square, across), &mut front.responses, at);
+            a.store(&mut front.probabilities[at..]);
             at += usize::from(piece.cells);
         }
         for piece in layout.band.between(from.1, pieces.band) {
             let first = usize::from(piece.offset);
             known_of::<L>(tile, piece).store(&mut band.log_odds[at_band..]);
             for (state, to) in band.codes.iter_mut().enumerate() {
-                let codes = shares.map_or(&ones[..], |shares| shares.codes(first, state));
-                to[at_band..at_band + 16].copy_from_slice(&codes[..16]);
+                let codes = shares.map_or(&ones[..], |shares| &shares.row(first)[state * TILE_SIDE..]);
+                to[at_band..at_band + SLACK].copy_from_slice(&codes[..SLACK]);
             }
             at_band += usize::from(piece.cells);
         }
         from = (pieces.front, pieces.band);
     }
     // The last vector may reach beyond them: nothing that answers.
-    *front_count = at;
-    front[at..at + 16].fill(0.0);
+    front.count = at;
+    front.probabilities[at..at + 16].fill(0.0);
     band.log_odds[at_band..at_band + 16].fill(0.0);
     for codes in &mut band.codes {
         codes[at_band..at_band + 16].copy_from_slice(&ones);
@@ -453,7 +507,18 @@ fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<L>,
 #[inline(always)]
 fn known_of<L: Lanes>(tile: Option<&Tile>, piece: &Piece) -> L {
     let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-    tile.map_or(L::splat(f32::NAN), |tile| L::load_some(&tile.log_odds[first..first + cells]))
+    // No closure: it would not be compiled for the same processor.
+    match tile {
+        Some(tile) => L::load_some(&tile.log_odds[first..first + cells]),
+        None => L::splat(f32::NAN),
+    }
+}
+
+#[inline(always)]
+fn make_room_for_responses<L: Lanes>(responses: &mut [Vec<f32>; DIRECTIONS], wides: &Wides<'_, L>, count: usize) {
+    for responses in &mut responses[..wides.facing_walls.len()] {
+        make_room(responses, count);
+    }
 }
 
 impl BandCells {
@@ -469,10 +534,10 @@ impl BandCells {
 
 /// a and L of the cells around the echo.
 #[inline(always)]
-fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<L>, range_m: f64) {
+fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<'_, L>, range_m: f64) {
     let Scratch { places, band, along, .. } = scratch;
     let count = places.count;
-    make_room(&mut band.asides, count);
+    make_room_for_responses(&mut band.responses, wides, count);
     make_room(&mut band.probabilities, count);
     along.make_room(count);
     let sigma_z_m = profile.cone.reading.sigma_z_m;
@@ -483,9 +548,9 @@ fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<
         let off = places.off(L::splat(range_m as f32), steepness);
         let aside = aside(places.square, places.across);
         places.beyond.store(&mut along.beyond[at..]);
-        aside.store(&mut band.asides[at..]);
         let values = band.states::<L>(at);
-        wides.answering(&values, L::load(&band.log_odds[at..]), aside).store(&mut band.probabilities[at..]);
+        let known = L::load(&band.log_odds[at..]);
+        wides.answering(&values, known, aside, &mut band.responses, at).store(&mut band.probabilities[at..]);
         let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
         peak.mul(exp(exponent)).store(&mut along.own[at..]);
     }
@@ -493,7 +558,7 @@ fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<
 
 /// What the cells around the echo become.
 #[inline(always)]
-fn move_band<L: Lanes>(scratch: &mut Scratch, wides: &Wides<L>) {
+fn move_band<L: Lanes>(scratch: &mut Scratch, wides: &Wides<'_, L>) {
     let Scratch { places, band, along, .. } = scratch;
     let one = L::splat(1.0);
     for at in (0..places.count).step_by(L::COUNT) {
@@ -503,7 +568,7 @@ fn move_band<L: Lanes>(scratch: &mut Scratch, wides: &Wides<L>) {
         let x = L::load(&along.own[at..]).sub(behind).div(others);
         let mut values = band.states::<L>(at);
         let known = L::load(&band.log_odds[at..]);
-        let log_odds = wides.moved(&mut values, known, L::load(&band.asides[at..]), x);
+        let (log_odds, _) = wides.moved(&mut values, known, (&band.responses, at, L::COUNT), x);
         log_odds.store(&mut band.log_odds[at..]);
         for (value, codes) in values.into_iter().zip(&mut band.codes) {
             value.store_codes(L::COUNT, &mut codes[at..]);
@@ -513,36 +578,42 @@ fn move_band<L: Lanes>(scratch: &mut Scratch, wides: &Wides<L>) {
 
 /// Writes to the grid what the cells become.
 #[inline(always)]
-fn store<L: Lanes>(scratch: &Scratch, profile: &Profile, wides: &Wides<L>, total: f64, place: &mut Place<'_>) {
+fn store<L: Lanes>(scratch: &Scratch, profile: &Profile, wides: &Wides<'_, L>, total: f64, place: &mut Place<'_>) {
     let Scratch { layout, front, band, .. } = scratch;
     let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
-    let wide = Wide::<L>::new(&profile.geometry);
     // x = −T' / (c + T') with T' = T / (1 − a)
     let all = L::splat((profile.cone.nobodys() + total) as f32);
     let minus_total = L::splat(-total as f32);
     for pieces in &layout.tiles {
         let tile = place.tile(pieces.index);
         let (shares, log_odds) = (tile.shares.get_or_insert_default(), &mut tile.log_odds);
-        let wide = wide.on_axis(pieces.is_ray);
         for piece in layout.front.between(from.0, pieces.front) {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-            let (square, across) = wide.places(pieces.column(*piece), &layout.places[pieces.place(*piece)]);
-            let others = L::load(&front[at..]).neg_mul_add(wides.nobodys, all);
+            let others = L::load(&front.probabilities[at..]).neg_mul_add(wides.nobodys, all);
             let x = minus_total.mul(reciprocal(others));
             let mut values = states_of::<L>(Some(shares), first);
             let known = &mut log_odds[first..first + cells];
-            let now = wides.moved(&mut values, L::load_some(known), aside(square, across), x);
+            let (now, are_all) = wides.moved(&mut values, L::load_some(known), (&front.responses, at, cells), x);
             now.store_some(known);
-            for (state, value) in values.into_iter().enumerate() {
-                value.store_codes(cells, shares.codes_mut(first, state));
+            let row = shares.row_mut(first);
+            if are_all {
+                for (state, value) in values.into_iter().enumerate() {
+                    value.store_codes(cells, &mut row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
+                }
+            } else {
+                values[0].store_codes(cells, &mut row[..SLACK]);
+                for Facing { state, .. } in wides.facing_walls {
+                    values[*state].store_codes(cells, &mut row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
+                }
             }
             at += cells;
         }
         for piece in layout.band.between(from.1, pieces.band) {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
             L::load(&band.log_odds[at_band..]).store_some(&mut log_odds[first..first + cells]);
-            for (state, codes) in band.codes.iter().enumerate() {
-                L::load_codes(&codes[at_band..]).store_codes(cells, shares.codes_mut(first, state));
+            let row = shares.row_mut(first);
+            for (codes, to) in band.codes.iter().zip(row.chunks_mut(TILE_SIDE)) {
+                L::load_codes(&codes[at_band..]).store_codes(cells, &mut to[..SLACK]);
             }
             at_band += cells;
         }

@@ -1,7 +1,7 @@
 //! How walls of each direction answer over the width of a beam, as polynomials across it.
 
 use super::fit::Fitter;
-use super::functions::{polynomial, splat_all};
+use super::functions::polynomial_of;
 use super::lanes::Lanes;
 use crate::oriented::{DIRECTIONS, Response, STATES};
 
@@ -11,8 +11,10 @@ const ACROSS: usize = 12;
 const STEPS: usize = 4096;
 /// Half apertures up to this (20°) so few coefficients do for.
 const WIDEST_HALF_APERTURE_RAD: f64 = core::f64::consts::PI / 9.0 + 1e-9;
-/// What answers less does not answer.
+/// Of the cells around the echo, what answers less does not answer.
 const LEAST: f64 = 1e-5;
+/// Nor does in front of it: there a state loses no more than its r.
+const LEAST_IN_FRONT: f64 = 2e-4;
 
 /// The responses of a beam.
 #[derive(Debug, Clone)]
@@ -26,8 +28,27 @@ pub(super) struct Answers {
     bearings: (f64, [f64; ACROSS]),
     /// r0.
     diffuse: f64,
-    /// r of a wall of each direction, in powers of sin φ / sin ½β; none: it hardly answers.
-    facing: [Option<[f32; ACROSS]>; DIRECTIONS],
+    /// The walls that answer; those first that do so in front of the echo, too.
+    facing: Vec<Facing>,
+    /// So many.
+    in_front: usize,
+}
+
+/// Walls of a direction that answer somewhere in a beam.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Facing {
+    /// Of such a wall, among the states of a cell.
+    pub(super) state: usize,
+    /// r in powers of sin φ / sin ½β.
+    across: [f32; ACROSS],
+}
+
+impl Facing {
+    /// r at `aside` = sin φ / sin ½β.
+    #[inline(always)]
+    pub(super) fn at<L: Lanes>(&self, aside: L) -> L {
+        polynomial_of(&self.across, aside).at_least(L::splat(0.0))
+    }
 }
 
 impl Answers {
@@ -45,7 +66,8 @@ impl Answers {
             nodes,
             bearings: (f64::NAN, [0.0; ACROSS]),
             diffuse: 0.0,
-            facing: [None; DIRECTIONS],
+            facing: Vec::with_capacity(DIRECTIONS),
+            in_front: 0,
         }
     }
 
@@ -81,33 +103,30 @@ impl Answers {
                 values[node] = detection * (low + rest * (high - low));
             }
         }
-        for (facing, values) in self.facing.iter_mut().zip(&values) {
-            let answers = values.iter().any(|value| *value > LEAST);
-            *facing = answers.then(|| self.fitter.through(values).map(|coefficient| coefficient as f32));
+        self.facing.clear();
+        for limits in [LEAST_IN_FRONT..f64::INFINITY, LEAST..LEAST_IN_FRONT] {
+            self.in_front = self.facing.len();
+            for (state, values) in (1..).zip(&values) {
+                if limits.contains(&values.iter().copied().fold(0.0, f64::max)) {
+                    let across = self.fitter.through(values).map(|coefficient| coefficient as f32);
+                    self.facing.push(Facing { state, across });
+                }
+            }
         }
     }
-}
 
-/// [`Answers`] in all lanes.
-pub(super) struct WideAnswers<L> {
-    pub(super) diffuse: L,
-    facing: [Option<[L; ACROSS]>; DIRECTIONS],
-}
-
-impl<L: Lanes> WideAnswers<L> {
-    #[inline(always)]
-    pub(super) fn new(answers: &Answers) -> Self {
-        let mut facing = [None; DIRECTIONS];
-        for (wide, coefficients) in facing.iter_mut().zip(&answers.facing) {
-            *wide = coefficients.as_ref().map(|coefficients| splat_all(coefficients));
-        }
-        Self { diffuse: L::splat(answers.diffuse as f32), facing }
+    /// r of what does not mirror.
+    pub(super) fn diffuse(&self) -> f32 {
+        self.diffuse as f32
     }
 
-    /// r of walls of a direction, at `aside` = sin φ / sin ½β; none: they hardly answer.
-    #[inline(always)]
-    pub(super) fn of(&self, direction: usize, aside: L) -> Option<L> {
-        let r = polynomial(self.facing[direction].as_ref()?, aside);
-        Some(r.at_least(L::splat(0.0)))
+    /// The walls that answer around the echo.
+    pub(super) fn facing(&self) -> &[Facing] {
+        &self.facing
+    }
+
+    /// The walls that answer in front of it: some of them.
+    pub(super) fn facing_in_front(&self) -> &[Facing] {
+        &self.facing[..self.in_front]
     }
 }

@@ -5,7 +5,7 @@
 
 use core::arch::x86_64::*;
 
-use super::lanes::{EXPONENT_BIT, EXPONENT_OF_ONE, HALF_OCTAVE, Lanes, RECIPROCAL_BITS};
+use super::lanes::{EXPONENT_BIT, EXPONENT_OF_ONE, HALF_OCTAVE, Lanes, RECIPROCAL_BITS, RECIPROCAL_ROOT_BITS};
 use super::x86_doubles::{Avx2Doubles, Avx512Doubles};
 use crate::shares;
 
@@ -166,9 +166,8 @@ impl Lanes for Avx2 {
 
     #[inline(always)]
     fn coded(self, draw: u32) -> Self {
-        let x = self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST));
         Self(unsafe {
-            let bits = _mm256_add_epi32(_mm256_castps_si256(x.0), _mm256_set1_epi32(draw as i32));
+            let bits = _mm256_add_epi32(_mm256_castps_si256(self.0), _mm256_set1_epi32(draw as i32));
             _mm256_castsi256_ps(_mm256_and_si256(bits, _mm256_set1_epi32(!shares::CUT as i32)))
         })
     }
@@ -193,6 +192,22 @@ impl Lanes for Avx2 {
         Self(unsafe {
             _mm256_castsi256_ps(_mm256_sub_epi32(_mm256_set1_epi32(RECIPROCAL_BITS), _mm256_castps_si256(self.0)))
         })
+    }
+
+    #[inline(always)]
+    fn rough_reciprocal_root(self) -> Self {
+        Self(unsafe {
+            let half = _mm256_srli_epi32::<1>(_mm256_castps_si256(self.0));
+            _mm256_castsi256_ps(_mm256_sub_epi32(_mm256_set1_epi32(RECIPROCAL_ROOT_BITS), half))
+        })
+    }
+
+    #[inline(always)]
+    fn are_none_or(self, other: Self, count: usize) -> bool {
+        unsafe {
+            let differ = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_NEQ_OQ>(self.0, other.0));
+            _bzhi_u32(differ as u32, count as u32) == 0
+        }
     }
 
     #[inline(always)]
@@ -355,9 +370,8 @@ impl Lanes for Avx512 {
 
     #[inline(always)]
     fn coded(self, draw: u32) -> Self {
-        let x = self.at_least(Self::splat(shares::LEAST)).at_most(Self::splat(shares::MOST));
         Self(unsafe {
-            let bits = _mm512_add_epi32(_mm512_castps_si512(x.0), _mm512_set1_epi32(draw as i32));
+            let bits = _mm512_add_epi32(_mm512_castps_si512(self.0), _mm512_set1_epi32(draw as i32));
             _mm512_castsi512_ps(_mm512_and_si512(bits, _mm512_set1_epi32(!shares::CUT as i32)))
         })
     }
@@ -382,6 +396,19 @@ impl Lanes for Avx512 {
         Self(unsafe {
             _mm512_castsi512_ps(_mm512_sub_epi32(_mm512_set1_epi32(RECIPROCAL_BITS), _mm512_castps_si512(self.0)))
         })
+    }
+
+    #[inline(always)]
+    fn rough_reciprocal_root(self) -> Self {
+        Self(unsafe {
+            let half = _mm512_srli_epi32::<1>(_mm512_castps_si512(self.0));
+            _mm512_castsi512_ps(_mm512_sub_epi32(_mm512_set1_epi32(RECIPROCAL_ROOT_BITS), half))
+        })
+    }
+
+    #[inline(always)]
+    fn are_none_or(self, other: Self, count: usize) -> bool {
+        unsafe { _mm512_mask_cmp_ps_mask::<_CMP_NEQ_OQ>(first_lanes(count), self.0, other.0) == 0 }
     }
 
     #[inline(always)]
