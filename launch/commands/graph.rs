@@ -26,7 +26,7 @@ use super::live::{Watch, Watched};
 use super::spool::Spool;
 use super::{doctor, folder};
 use crate::cli::View;
-use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, ServiceKind};
+use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, RunSetting, ServiceKind};
 use crate::limits;
 use crate::progress::Display;
 use crate::summary::{Recording, Summary};
@@ -182,6 +182,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
+    summary.log_faults.extend(of_its_run(loaded.run_settings()));
     if let Some(survey) = survey.as_ref().filter(|_| config.odometry.poses == Poses::Drive) {
         summary.log_faults.extend(suggestion(survey));
     }
@@ -225,6 +226,7 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     let (localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
     let mut table = Config { localization, odometry, ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
+    table.insert(Plan::SETTINGS.into(), config.run_settings()?.into());
     if config.drives_pioneer() {
         table.insert("robots".into(), toml::Value::try_from(config::known_robots())?);
     }
@@ -434,6 +436,13 @@ fn overlap(config: &Config, survey: &LogSurvey) -> Result<Option<String>> {
     let share = both_ns as f64 / survey.duration().as_nanos().max(1) as f64;
     let is_little = share < HARDLY_ANY;
     Ok(is_little.then(|| format!("{times}: that is {:.0} % of it; is it of this drive?", 100.0 * share)))
+}
+
+/// What is said where a recording is mapped with settings of its run.
+fn of_its_run(settings: &[RunSetting]) -> Option<String> {
+    let list: Vec<String> = settings.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    let why = "as in the run that it is of (--set replay.use_settings=false takes the defaults)";
+    (!list.is_empty()).then(|| format!("mapped with {}, {why}", list.join(", ")))
 }
 
 /// What is worth knowing of a log besides its counts.

@@ -1,4 +1,4 @@
-//! Loading: built-in defaults, then the robot's, then the graph file, then the command line.
+//! Loading: built-in defaults, then those of the run that is played, then the robot's, then the graph file, then the command line.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use super::robot_file::{self, Resolved};
 use super::run::AUTO;
 use super::service::{BUILTIN_PREFIX, Builtin, Exec};
 use super::source::{self, Source};
-use super::{Config, LoadRequest, files, ranges, roles};
+use super::{Config, LoadRequest, RunSetting, files, ranges, recorded, roles};
 
 /// The robot that is simulated where none is named.
 const SIMULATED: &str = "pioneer3at";
@@ -24,6 +24,7 @@ pub struct Loaded {
     origins: Origins,
     /// `config` as a table, for showing it.
     table: Table,
+    run_settings: Vec<RunSetting>,
 }
 
 impl Loaded {
@@ -60,6 +61,12 @@ impl Loaded {
     /// Every key that was set, and where.
     pub fn origins(&self) -> impl Iterator<Item = (&str, &Origin)> {
         self.origins.iter().map(|(key, origin)| (key.as_str(), origin))
+    }
+
+    /// The settings that are neither defaults nor said, but those of the run whose recording is played.
+    #[must_use]
+    pub fn run_settings(&self) -> &[RunSetting] {
+        &self.run_settings
     }
 
     /// Whether the graph can be started: `check` shows a graph that plays a log yet to be named.
@@ -99,7 +106,8 @@ impl Config {
         found.add(request.settings(&found.settings, &base));
         let robot = |name: &str, origin: Option<&Origin>| robot_file::find(name, origin, Some(&base));
         let path = std::env::var_os("PATH");
-        load(found, robot, |config, origins| {
+        let recorded = recorded::settings(&found.settings);
+        load(found, recorded, robot, |config, origins| {
             if config.run.out.is_relative() {
                 config.run.out = base.join(&config.run.out);
             }
@@ -114,7 +122,8 @@ impl Config {
 /// Everything that is wrong with it.
 pub fn parse_graph(text: &str) -> Result<Config, ConfigError> {
     let found = reading::graph(text, &Source::file("graph", text, None));
-    load(found, |name, origin| robot_file::find(name, origin, None), |_, _| Vec::new()).map(Loaded::into_config)
+    load(found, Findings::default(), |name, origin| robot_file::find(name, origin, None), |_, _| Vec::new())
+        .map(Loaded::into_config)
 }
 
 /// Whether the sensor is the simulator, as far as can be told before the services are put together.
@@ -130,6 +139,7 @@ fn simulates(settings: &[Setting]) -> bool {
 
 fn load(
     found: Findings,
+    recorded: Findings,
     robot: impl FnOnce(&str, Option<&Origin>) -> Result<Resolved, ConfigError>,
     resolve: impl FnOnce(&mut Config, &Origins) -> Vec<Problem>,
 ) -> Result<Loaded, ConfigError> {
@@ -149,6 +159,8 @@ fn load(
         }
         Err(other) => return Err(other),
     };
+    settings.splice(0..0, recorded.settings.iter().cloned());
+    problems.extend(recorded.problems);
     let origins = assemble::origins(&settings);
     let mut config = assemble::sections(&settings).map_err(|problem| ConfigError::Invalid(vec![problem]))?;
     config.robot = robot;
@@ -174,5 +186,6 @@ fn load(
         return Err(ConfigError::Invalid(problems));
     }
     let table = config.to_table()?;
-    Ok(Loaded { config, origins, table })
+    let run_settings = recorded::in_force(&recorded.settings, &origins)?;
+    Ok(Loaded { config, origins, table, run_settings })
 }

@@ -1,7 +1,7 @@
 //! The launcher's configuration: what the user typed, and what it means.
 //!
-//! Settings come from four places, each over the one before: built-in defaults, the `[odometry]`
-//! and `[simulator]` of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
+//! Settings come from five places, each over the one before: built-in defaults, the run whose recording is
+//! played, the `[odometry]` and `[simulator]` of the robot's file, the graph file, the command line. [`Config::load`] reads them, tells
 //! everything that is wrong at once, and gives a [`Config`] in which everything is resolved: the
 //! rest of the program sees only that.
 
@@ -13,6 +13,7 @@ mod load;
 mod problem;
 mod ranges;
 mod reading;
+mod recorded;
 mod render;
 mod request;
 mod robot;
@@ -50,6 +51,7 @@ use serde::{Deserialize, Serialize};
 pub use interval::Interval;
 pub use load::{Loaded, parse_graph};
 pub use problem::{ConfigError, Origin, Problem};
+pub use recorded::{RunSetting, settings_of_recording};
 pub use render::render;
 pub use request::LoadRequest;
 pub use robot::builtin_robots;

@@ -149,7 +149,7 @@ fn fix_file(text: &str) -> Option<(&'static str, &'static str)> {
 }
 
 /// The name of the service of a kind that there is one of.
-fn name_of(graph: &[Setting], kind: ServiceKind) -> &str {
+pub(crate) fn name_of(graph: &[Setting], kind: ServiceKind) -> &str {
     let word = kind.word();
     let named = graph.iter().find_map(|setting| match setting.path.as_slice() {
         [services, name, key] if services == "services" && key == "kind" => {

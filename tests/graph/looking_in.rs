@@ -24,8 +24,12 @@ fn info_tells_what_a_file_is() {
     std::fs::write(&graph, "[services.sensor]\nexec = \"builtin:simulator\"\n").unwrap();
     let foreign = drive.out("cloud");
     std::fs::write(&foreign, "ply\nformat ascii 1.0\n").unwrap();
+    let parameters = drive.out("p3dx.p");
+    std::fs::write(&parameters, "Class Pioneer ; general\nSubclass p3dx\nDistConvFactor 0.5\nSonarUnit 0 69 136 90\n")
+        .unwrap();
     for (file, kind) in [
         (drive.log(), "log"),
+        (parameters, "aria-parameters"),
         (drive.out("maps/map.echogrid"), "native-map"),
         (drive.out("maps/map.yaml"), "map-server"),
         (graph, "graph"),
@@ -95,6 +99,28 @@ fn a_map_is_saved_while_it_grows() {
     graph.go_on("sensor");
     assert!(graph.wait().status.success());
     assert!(so_far != whole && std::fs::read(&file).unwrap() == whole, "saving changes no map");
+}
+
+/// The mapper, the publisher, a recorder, the page, and three tools more: one for each place that a stream has.
+#[test]
+fn all_who_look_on_find_a_place_at_once() {
+    let drive = Drive::new(f64::INFINITY);
+    let more = ["--rate", "5", "--record", "--watch=127.0.0.1:0"];
+    let mut graph = GraphProcess::start(ECHOGRID, drive.map_arguments("maps", &more));
+    graph.wait_for("live page: ");
+    graph.wait_for_progress("mapper", 20);
+    let mut tools: Vec<_> = (0..3).map(|_| graph.topic("odometry/estimate")).collect();
+    for tool in &mut tools {
+        tool.wait_until("it reads along", |line| line["sequence"].is_u64());
+    }
+    graph.signal(Signal::SIGINT);
+    for tool in &mut tools {
+        tool.wait_until("the stream ends", |line| line["end"] == true);
+    }
+    let ended = graph.wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    let recording = json(&["info", &path(&drive.out("maps/recording.mcap")), "--json"]);
+    assert!(recording["survey"]["scan_count"].as_u64().is_some_and(|scans| scans > 0), "{recording}");
 }
 
 #[test]

@@ -75,6 +75,40 @@ fn the_map_of_a_recording_is_that_of_the_run_whoever_was_killed() {
     assert!(last > 0, "{told}");
 }
 
+/// A recording alone makes the run's map: it carries the settings, which are told, and give way to those that are said.
+#[test]
+fn a_recording_is_mapped_with_the_settings_of_its_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name);
+    let run = path(&out("run"));
+    let mut arguments = vec!["demo", "--fix", "truth", "--out", &run, "--record"];
+    let settings = ["mapper.resolution_m=0.15", "mapper.sonars=[0, 3, 4, 7]", "publisher.draw_legend=true"];
+    for setting in settings.into_iter().chain(["simulator.duration_s=15"]) {
+        arguments.extend(["--set", setting]);
+    }
+    let recorded = echogrid(arguments);
+    assert!(recorded.status.success(), "{}", said(&recorded));
+    let recording = path(&out("run/recording.mcap"));
+
+    let again = echogrid(["map", &recording, "--out", &path(&out("again"))]);
+    let told = said(&again);
+    assert!(again.status.success() && told.contains("mapper.resolution_m = 0.15"), "{told}");
+    assert_same_map(&out("run"), &out("again"));
+    let info = echogrid(["info", &recording, "--json"]);
+    let info: Value = serde_json::from_slice(&info.stdout).unwrap();
+    assert_eq!(info["settings"]["mapper.resolution_m"], 0.15, "{info}");
+    assert_eq!(info["settings"]["localizer.source"], "truth", "{info}");
+
+    // What is said counts, and no fix is asked for by who says that there is none.
+    let finer = ["--set", "mapper.resolution_m=0.1", "--fix", "none"];
+    let finer = echogrid([&["map", &recording, "--json", "--out", &path(&out("finer"))], &finer[..]].concat());
+    assert_eq!(summary(&finer)["fixes"], 0, "{}", said(&finer));
+    let defaults = ["map", &recording, "--set", "replay.use_settings=false", "--out", &path(&out("defaults"))];
+    let defaults = echogrid(defaults);
+    assert!(defaults.status.success() && !said(&defaults).contains("as in the run"), "{}", said(&defaults));
+    assert_ne!(std::fs::read(out("run/map.npy")).unwrap(), std::fs::read(out("defaults/map.npy")).unwrap());
+}
+
 /// A disk, and shared memory apart from that of other tests.
 const MOUNT: &str = "mount -t tmpfs -o size=4m tmpfs \"$1\" && mount -t tmpfs -o size=256m tmpfs /dev/shm";
 

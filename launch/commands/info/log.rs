@@ -1,5 +1,6 @@
 //! Logs and recordings.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use anyhow::Result;
@@ -9,6 +10,7 @@ use serde_json::json;
 
 use super::{Facts, date, span};
 use crate::commands::graph;
+use crate::config::settings_of_recording;
 
 /// Stamps before 2000 are those of a clock that began anywhere.
 const DATED_FROM_NS: u64 = 946_684_800_000_000_000;
@@ -35,6 +37,15 @@ pub(super) fn facts(file: &Path) -> Result<Facts> {
     }
     if let Some(contents) = contents {
         recorded(&mut facts, &contents);
+    }
+    if let Some(settings) = settings_of_recording(file)? {
+        for (key, value) in &settings {
+            facts.line("settings", format!("{key} = {value}"));
+        }
+        if settings.is_empty() {
+            facts.line("settings", "of its run: the defaults");
+        }
+        facts.value("settings", json!(settings.into_iter().collect::<BTreeMap<_, _>>()));
     }
     Ok(facts)
 }

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use echogrid_arcos::Parameters;
 use echogrid_core::SensorKind;
 use echogrid_formats::localization::{Landmarks, ReferencePath};
 use echogrid_formats::trials::{Phase, Trials};
@@ -26,6 +27,12 @@ const GRAPH_TABLES: [&str; 11] = [
     "simulator",
     "recorder",
 ];
+
+/// Keys that only ARIA's parameter files have; two of them tell one.
+const ARIA_KEYS: [&str; 6] =
+    ["AngleConvFactor", "DistConvFactor", "VelConvFactor", "RangeConvFactor", "SonarUnit", "Subclass"];
+/// More is no parameter file, bytes.
+const ARIA_BYTES_MAX: u64 = 1 << 20;
 
 pub(super) fn world(file: &Path, what: &str, kind: &str) -> Result<Facts> {
     let world = world::read(file)?;
@@ -92,8 +99,37 @@ pub(super) fn toml(file: &Path) -> Result<Facts> {
     bail!("{}: TOML of no known kind; expected landmarks, a world, a robot or a graph", file.display())
 }
 
-/// A text that is no log: a reference path, or trials.
+/// ARIA's parameters of a robot, which `[pioneer]` takes.
+fn aria(file: &Path) -> Option<Facts> {
+    let bytes = read_at_most(file, ARIA_BYTES_MAX).ok()?;
+    let text = String::from_utf8_lossy(&bytes);
+    let first = |line: &str| line.split_whitespace().next().is_some_and(|word| ARIA_KEYS.contains(&word));
+    if text.lines().filter(|line| first(line)).count() < 2 {
+        return None;
+    }
+    let mut facts = Facts::new("ARIA's parameters of a robot", "aria-parameters");
+    match Parameters::read(&text) {
+        Ok(Parameters { class, subclass, length_mm, width_mm, sonars, .. }) => {
+            facts.line("robot", format!("{class} {subclass}, {:.2} × {:.2} m", length_mm * 1e-3, width_mm * 1e-3));
+            facts.line("sensors", format!("{} sonars", sonars.len()));
+            facts.line("to use it", "echogrid up --sensor pioneer --set pioneer.parameters=FILE");
+            facts.value("class", class);
+            facts.value("subclass", subclass);
+            facts.value("sonars", sonars.len());
+        }
+        Err(error) => {
+            facts.line("wrong", error.to_string());
+            facts.value("wrong", error.to_string());
+        }
+    }
+    Some(facts)
+}
+
+/// A text that is no log: a robot's parameters, a reference path, or trials.
 pub(super) fn other(file: &Path) -> Option<Facts> {
+    if let Some(facts) = aria(file) {
+        return Some(facts);
+    }
     if let Ok(path) = ReferencePath::read(file) {
         let mut facts = Facts::new("reference path", "reference-path");
         let poses = path.poses();

@@ -28,6 +28,11 @@ pub(crate) static REPLAY: Section = Section {
             "who says in a recording where the robot really was: tf (map to odom), or a topic of poses; empty: nobody. The localizer \
              alone is told, and score",
         ),
+        key(
+            "use_settings",
+            "true or false",
+            "whether a recording of a run is mapped with the settings of that run, where nothing else is said",
+        ),
     ],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,

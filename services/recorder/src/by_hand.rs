@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use echogrid_service::in_words;
 use echogrid_service::onlooker::{ANSWER_WITHIN, Onlooker, Operator};
 use echogrid_service::signals::Signals;
+use echogrid_service::{Plan, in_words};
 use echogrid_topics::{Command, Domain};
 use nix::sys::signal::Signal;
 
 use crate::INPUTS;
-use crate::recording::{Recorded, Recording};
+use crate::recording::{Recorded, Recording, words_of};
 
 /// What this process calls itself.
 const NAME: &str = "record";
@@ -22,7 +22,8 @@ const NAME: &str = "record";
 pub fn record(domain: &Domain, file: &Path, with_foxglove: bool) -> Result<Recorded> {
     let signals = Signals::collect(&[Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP])?;
     let mut onlooker = Onlooker::enter(domain, NAME, INPUTS)?;
-    let mut recording = Recording::begin(file, with_foxglove)?;
+    let run = words_of(&Plan::read(domain)?, false);
+    let mut recording = Recording::begin(file, with_foxglove, &run)?;
     let failed = || file.display().to_string();
     loop {
         let is_over = signals.next()?.is_some();

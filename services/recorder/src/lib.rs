@@ -18,13 +18,13 @@ pub use by_hand::record;
 use config::RecorderConfig;
 use echogrid_core::Robot;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_formats::log::McapWriter;
+use echogrid_formats::log::{McapWriter, RunWords};
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, in_words, process};
 use echogrid_topics::{Message, Topic};
 use serde::Deserialize;
 
 pub use crate::recording::Recorded;
-use crate::recording::Recording;
+use crate::recording::{Recording, words_of};
 
 /// All that it records: what it is waited for on, then what it takes what comes of.
 pub const INPUTS: &[Topic] = &[
@@ -63,6 +63,8 @@ struct Run {
 pub struct RecorderService {
     file: PathBuf,
     config: RecorderConfig,
+    /// What the recording says of its run.
+    run: RunWords,
     /// Whether what is stored of this service outlives the machine: then what is in the file by then must, too.
     is_synced: bool,
     robot: Option<Robot>,
@@ -84,7 +86,7 @@ impl RecorderService {
     /// Records to `file`.
     #[must_use]
     pub fn new(file: PathBuf, config: RecorderConfig) -> Self {
-        Self { file, config, is_synced: false, robot: None, state: State::Ahead(None) }
+        Self { file, config, run: RunWords::new(), is_synced: false, robot: None, state: State::Ahead(None) }
     }
 
     /// From the plan of a run.
@@ -94,7 +96,7 @@ impl RecorderService {
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
         let config: RecorderConfig = plan.section("recorder")?;
-        Ok(Self { is_synced: plan.synced, ..Self::new(config.path(&run.out), config) })
+        Ok(Self { is_synced: plan.synced, run: words_of(plan, true), ..Self::new(config.path(&run.out), config) })
     }
 
     /// The recording, opened if it is not yet; none when it is over.
@@ -102,7 +104,7 @@ impl RecorderService {
         if let State::Ahead(length) = self.state {
             let opened = match length {
                 Some(length) => Recording::resume(&self.file, length, self.config.foxglove),
-                None => Recording::begin(&self.file, self.config.foxglove),
+                None => Recording::begin(&self.file, self.config.foxglove, &self.run),
             };
             match opened {
                 Ok(mut recording) => {

@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Robot;
-use echogrid_formats::log::{McapChannel, McapWriter};
+use echogrid_formats::log::{McapChannel, McapWriter, RUN_SETTINGS, RunWords, words_of_run};
 use echogrid_scene::{Channel, Show, Sink};
+use echogrid_service::Plan;
 use echogrid_topics::{Delivery, Message, Topic, wire};
 
 /// What is in memory goes to the file this often …
@@ -19,6 +20,10 @@ const SYNC_EVERY: Duration = Duration::from_millis(500);
 const MAP_EVERY: Duration = Duration::from_secs(5);
 /// No message fits into so much of a file.
 const HEAD_BYTES: u64 = 64;
+/// The key of a run's words for what tells it from any other.
+const EPOCH: &str = "epoch";
+/// The key for who recorded it.
+const SOFTWARE: &str = "software";
 /// How messages are encoded that are as they were in shared memory.
 const NATIVE: &str = "echogrid";
 
@@ -59,19 +64,24 @@ struct Mcap {
 }
 
 impl Recording {
-    /// Begins a file, in which nothing is recorded yet.
-    pub(crate) fn begin(path: &Path, with_foxglove: bool) -> Result<Self> {
+    /// Begins a file, in which nothing is recorded yet, with what it says of the run.
+    pub(crate) fn begin(path: &Path, with_foxglove: bool, run: &RunWords) -> Result<Self> {
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).with_context(|| format!("{}: making the folder", folder.display()))?;
         }
         let beginning = || format!("{}: beginning the recording", path.display());
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let file = file.with_context(beginning)?;
-        // Who was killed at once has left a file of no message.
+        // Who was killed at once has left a file of no message; or one of this very run, of which nothing counts: it comes again.
         let bytes = file.metadata().with_context(beginning)?.len();
-        ensure!(bytes <= HEAD_BYTES, "{}: holds something already, and a recording is never replaced", path.display());
+        let is_ours = || run.contains_key(EPOCH) && words_of_run(path).ok().flatten().as_ref() == Some(run);
+        ensure!(
+            bytes <= HEAD_BYTES || is_ours(),
+            "{}: holds something already, and a recording is never replaced",
+            path.display()
+        );
         file.set_len(0).with_context(beginning)?;
-        Self::of(McapWriter::new(file, &library()), path, with_foxglove)
+        Self::of(McapWriter::new(file, &library(), run), path, with_foxglove)
     }
 
     /// Goes on with a file of which `length` bytes count, or with as much of them as the disk has kept.
@@ -225,6 +235,17 @@ fn native(topic: Topic) -> McapChannel {
         schema_encoding: format!("{NATIVE}-layout"),
         schema: wire::layout_of(topic).into_bytes(),
     }
+}
+
+/// What a recording says of the run that has this plan; `from_its_beginning`: nobody else records it into the same file.
+pub(crate) fn words_of(plan: &Plan, from_its_beginning: bool) -> RunWords {
+    let mut words = RunWords::from([(SOFTWARE.to_owned(), library())]);
+    if from_its_beginning {
+        words.insert(EPOCH.to_owned(), plan.epoch.to_string());
+    }
+    let settings = plan.config.get(Plan::SETTINGS).and_then(|settings| settings.as_str());
+    words.extend(settings.map(|settings| (RUN_SETTINGS.to_owned(), settings.to_owned())));
+    words
 }
 
 fn library() -> String {

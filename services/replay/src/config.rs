@@ -6,7 +6,7 @@ use echogrid_formats::log::{RangeUnit, SurveyOptions};
 use serde::{Deserialize, Serialize};
 
 /// `[replay]`.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ReplayConfig {
     /// The log; empty where none was given.
@@ -17,6 +17,15 @@ pub struct ReplayConfig {
     pub topics: Vec<String>,
     /// Who says in a recording where the robot really was: a topic, or `tf`; empty: nobody.
     pub truth: String,
+    /// Whether a recording of a run is mapped with the settings of that run, where nothing else is said.
+    pub use_settings: bool,
+}
+
+impl Default for ReplayConfig {
+    fn default() -> Self {
+        let (log, topics, truth) = (PathBuf::new(), Vec::new(), String::new());
+        Self { log, range_unit: LogUnit::Auto, topics, truth, use_settings: true }
+    }
 }
 
 /// The unit of a log's ranges.

@@ -355,3 +355,56 @@ fn contents_are_told_even_of_what_makes_no_map() {
     let nothing = log::survey(&folder.write(b"#ROSBAG V2.0\n")).unwrap_err().to_string();
     assert!(nothing.ends_with("it holds no message"), "{nothing}");
 }
+
+/// Encrypted, or packed as nobody knows: not a recording without messages, but one that can't be read, and why.
+#[test]
+fn chunks_of_an_unknown_packing_are_named() {
+    let folder = Folder::new();
+    for (file, known, unknown) in [
+        (File::Mcap(Packing::Lz4, Encoding::Cdr), &b"\x03\0\0\0lz4"[..], &b"\x03\0\0\0aes"[..]),
+        (File::Bag(Packing::Lz4), &b"compression=lz4"[..], &b"compression=aes"[..]),
+    ] {
+        let mut bytes = file.write(&drive(), 50);
+        let places: Vec<usize> = (0..bytes.len() - known.len()).filter(|at| bytes[*at..].starts_with(known)).collect();
+        assert!(places.len() >= 3, "{file:?}: {places:?}");
+        let hide = |bytes: &mut Vec<u8>, at: usize| bytes[at..at + known.len()].copy_from_slice(unknown);
+        hide(&mut bytes, places[1]);
+        let survey = log::survey(&folder.write(&bytes)).unwrap();
+        assert!(survey.faults.iter().any(|fault| fault.kind == FaultKind::ChunkDamaged), "{:?}", survey.faults);
+        places.iter().for_each(|at| hide(&mut bytes, *at));
+        let told = log::survey(&folder.write(&bytes)).unwrap_err().to_string();
+        let (message, why) = ("it holds no message; 3 times something of it could not be read", "packed ");
+        assert!(told.contains(message) && told.contains(why), "{file:?}: {told}");
+    }
+}
+
+#[test]
+fn odd_scans_are_used_as_far_as_they_can_be() {
+    let count = |change: fn(&mut f32, &mut f32, &mut f32, &mut Vec<f32>)| {
+        let mut messages = drive();
+        for message in &mut messages {
+            if let Content::Scan { min, max, step, ranges, .. } = &mut message.content {
+                change(min, max, step, ranges);
+            }
+        }
+        let folder = Folder::new();
+        let path = folder.write(&File::Bag(Packing::None).write(&messages, 7));
+        let survey = log::survey(&path).map_err(|error| error.to_string())?;
+        let events = log::open(&path, &survey).unwrap().map(Result::unwrap);
+        let hits = |event: LogEvent| match event {
+            LogEvent::Scan { readings, .. } => readings.iter().filter(|r| matches!(r.echo, Echo::Hit { .. })).count(),
+            _ => 0,
+        };
+        Ok::<usize, String>(events.map(hits).sum())
+    };
+    // Two of six beams of each scan hit something.
+    assert_eq!(count(|_, _, _, _| {}), Ok(60));
+    // Who states no range states no limit: what lay beyond the maximum counts, too.
+    assert_eq!(count(|_, max, _, _| *max = 0.0), Ok(90));
+    assert_eq!(count(|_, max, _, _| *max = f32::NAN), Ok(90));
+    assert_eq!(count(|_, max, _, _| *max = f32::INFINITY), Ok(90));
+    assert_eq!(count(|min, _, _, _| *min = -1.0), Ok(90));
+    assert_eq!(count(|_, _, _, ranges| ranges.fill(f32::NAN)), Ok(0));
+    assert!(count(|_, _, step, _| *step = 0.0).unwrap_err().contains("bearings from -0.5 by 0"));
+    assert!(count(|_, _, _, ranges| ranges.clear()).unwrap_err().contains("0 ranges"));
+}

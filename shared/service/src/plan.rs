@@ -38,6 +38,9 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// The key of the configuration for the settings that decide a map, as the text of a graph file: what a recording carries.
+    pub const SETTINGS: &str = "settings";
+
     /// Writes the plan for the processes of `domain`.
     ///
     /// # Errors

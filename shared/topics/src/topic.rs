@@ -124,9 +124,11 @@ impl Qos {
     /// Of a stream that nothing of may be lost.
     pub(crate) const STREAM: Self = Self {
         history: 2048,
-        buffer: 4096,
+        // What a late consumer is handed, and a window of what is sent until it has taken that.
+        buffer: 3072,
         window: 1024,
-        subscribers: 5,
+        // A map's, its publisher, a recorder, a live page, Foxglove, a tool, and one that was left behind.
+        subscribers: 7,
         publishers: 2,
         slice_len: 1,
         element_size: 0,

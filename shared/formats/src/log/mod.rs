@@ -52,7 +52,7 @@ pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
 pub use fault::{Fault, FaultKind, Place};
-pub use recording::{McapChannel, McapWriter, RecordingContents, TopicContents};
+pub use recording::{McapChannel, McapWriter, RUN_SETTINGS, RecordingContents, RunWords, TopicContents, words_of_run};
 pub(crate) use stamp::parse_stamp_ns;
 pub use survey::{LogSurvey, SurveyOptions};
 

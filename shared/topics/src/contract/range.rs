@@ -19,7 +19,7 @@ impl Content for Vec<Reading> {
     fn qos(max_readings: usize) -> Qos {
         let slice_len = max_readings.max(1);
         let history = ((2 << 20) / (slice_len * size_of::<ReadingWire>())).clamp(64, 2048);
-        Qos { history, buffer: 2 * history, window: (history / 2) as u64, slice_len, ..Qos::STREAM }
+        Qos { history, buffer: history + history / 2, window: (history / 2) as u64, slice_len, ..Qos::STREAM }
     }
 
     fn json(&self) -> Value {

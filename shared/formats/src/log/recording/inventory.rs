@@ -6,6 +6,7 @@ use super::container::{Channel, Entry};
 use super::frames::Frames;
 use super::message::{Head, LaserScan, Placed, Range, Type};
 use super::wire::Fields;
+use crate::log::fault::Refusal;
 
 /// Topics that are told apart.
 const TOPICS_MAX: usize = 4096;
@@ -43,11 +44,16 @@ pub(crate) struct Inventory {
     pub(crate) topics: BTreeMap<String, TopicRecord>,
     pub(crate) frames: Frames,
     pub(crate) messages: u64,
+    /// How often something of the file could not be read, and what was wrong first.
+    damage: Option<(u64, String)>,
 }
 
 impl Inventory {
     pub(crate) fn add(&mut self, entry: &Entry<'_>) {
-        let Entry::Message { channel, log_ns, data } = entry else { return };
+        let (channel, log_ns, data) = match entry {
+            Entry::Message { channel, log_ns, data } => (channel, log_ns, data),
+            Entry::Damage(refusal) => return self.note(refusal),
+        };
         self.messages += 1;
         if self.topics.len() >= TOPICS_MAX && !self.topics.contains_key(&channel.topic) {
             return;
@@ -80,6 +86,13 @@ impl Inventory {
         }
     }
 
+    fn note(&mut self, damage: &Refusal) {
+        match &mut self.damage {
+            Some((count, _)) => *count += 1,
+            None => self.damage = Some((1, format!("{} ({})", damage.kind, damage.sample))),
+        }
+    }
+
     /// The topics of a type, with their names.
     pub(crate) fn of(&self, kind: Type) -> impl Iterator<Item = (&str, &TopicRecord)> {
         self.topics
@@ -88,10 +101,18 @@ impl Inventory {
             .map(|(name, topic)| (name.as_str(), topic))
     }
 
+    /// Whether there are point clouds, which are no scans.
+    pub(crate) fn has_clouds(&self) -> bool {
+        self.topics.values().any(|topic| topic.datatype.starts_with("sensor_msgs/PointCloud"))
+    }
+
     /// All topics, a line each, as what follows "it holds".
     pub(crate) fn list(&self) -> String {
+        let damage = self.damage.as_ref().map_or(String::new(), |(count, first)| {
+            format!("; {count} times something of it could not be read, first: {first}")
+        });
         if self.topics.is_empty() {
-            return " no message".into();
+            return format!(" no message{damage}");
         }
         let width = self.topics.keys().map(|name| name.chars().count()).max().unwrap_or(0).min(60);
         let types = self.topics.values().map(|topic| topic.datatype.chars().count()).max().unwrap_or(0).min(60);
@@ -100,7 +121,7 @@ impl Inventory {
             let TopicRecord { datatype, count, .. } = topic;
             text += &format!("\n  {name:width$}  {datatype:types$}  {count:>7}  {:7.1} Hz", topic.rate_hz());
         }
-        text
+        text + &damage
     }
 }
 
@@ -126,7 +147,7 @@ fn heads(kind: Type, channel: &Channel, data: &[u8]) -> Option<Found> {
     let fields = Fields::new(data, channel.encoding)?;
     let placed = |placed: Placed| Found::One(placed.head, placed.child);
     match kind {
-        Type::LaserScan => LaserScan::read(fields).map(|scan| Found::One(scan.head, String::new())),
+        Type::LaserScan => LaserScan::read_head(fields).map(|head| Found::One(head, String::new())),
         Type::Range => Range::read(fields).map(|range| Found::One(range.head, String::new())),
         Type::Odometry => Placed::odometry(fields).map(placed),
         Type::Transforms => Placed::transforms(fields).map(Found::Transforms),

@@ -25,6 +25,7 @@ pub(super) mod op {
     pub(in super::super) const CHUNK_INDEX: u8 = 8;
     pub(in super::super) const STATISTICS: u8 = 11;
     pub(in super::super) const METADATA: u8 = 12;
+    pub(in super::super) const METADATA_INDEX: u8 = 13;
     pub(in super::super) const DATA_END: u8 = 15;
 }
 

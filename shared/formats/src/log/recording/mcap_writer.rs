@@ -10,6 +10,7 @@ use std::path::Path;
 
 use super::container::Bytes;
 use super::mcap::{MAGIC, op};
+use super::run::{RUN, RunWords};
 
 /// A chunk is written when it holds so much, bytes before packing.
 const CHUNK_BYTES: usize = 1 << 20;
@@ -64,22 +65,35 @@ pub struct McapWriter {
     /// Records of the open chunk.
     open: Vec<u8>,
     index: BTreeMap<u16, Index>,
-    metadata: u32,
+    metadata: Vec<Metadata>,
+}
+
+/// Where words about the file are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Metadata {
+    name: String,
+    at: u64,
+    bytes: u64,
 }
 
 impl McapWriter {
-    /// Begins a file that is empty.
+    /// Begins a file that is empty, with what it says of its run.
     ///
     /// # Errors
     /// The file can't be written.
-    pub fn new(mut file: File, library: &str) -> io::Result<Self> {
+    pub fn new(mut file: File, library: &str, run: &RunWords) -> io::Result<Self> {
         let mut head = MAGIC.to_vec();
         record(&mut head, op::HEADER, |content| {
             text(content, "");
             text(content, library);
         });
+        let at = head.len() as u64;
+        words(&mut head, RUN, run);
+        // At once: whoever is killed here leaves all of it, or nothing.
         file.write_all(&head)?;
-        Ok(Self::at(file, head.len() as u64))
+        let mut writer = Self::at(file, head.len() as u64);
+        writer.metadata.push(Metadata { name: RUN.to_owned(), at, bytes: head.len() as u64 - at });
+        Ok(writer)
     }
 
     /// Whether the file of this path was ended by [`McapWriter::finish`].
@@ -108,7 +122,7 @@ impl McapWriter {
             chunks: Vec::new(),
             open: Vec::new(),
             index: BTreeMap::new(),
-            metadata: 0,
+            metadata: Vec::new(),
         }
     }
 
@@ -253,14 +267,8 @@ impl McapWriter {
     pub fn finish(mut self, name: &str, about: &BTreeMap<String, String>) -> io::Result<()> {
         self.flush()?;
         let mut records = Vec::new();
-        record(&mut records, op::METADATA, |content| {
-            text(content, name);
-            map(content, about.iter(), |content, (key, value)| {
-                text(content, key);
-                text(content, value);
-            });
-        });
-        self.metadata += 1;
+        words(&mut records, name, about);
+        self.metadata.push(Metadata { name: name.to_owned(), at: self.length, bytes: records.len() as u64 });
         record(&mut records, op::DATA_END, |content| content.extend(0_u32.to_le_bytes()));
         self.put(&records)?;
         let summary = self.summary();
@@ -290,11 +298,22 @@ impl McapWriter {
                 content.extend([chunk.packed, chunk.unpacked].map(u64::to_le_bytes).concat());
             });
         }
+        for Metadata { name, at, bytes } in &self.metadata {
+            record(&mut records, op::METADATA_INDEX, |content| {
+                content.extend([*at, *bytes].map(u64::to_le_bytes).concat());
+                text(content, name);
+            });
+        }
         let streams = self.channels.len();
         record(&mut records, op::STATISTICS, |content| {
             content.extend(self.counts.values().sum::<u64>().to_le_bytes());
             content.extend((streams as u16).to_le_bytes());
-            content.extend([streams as u32, 0, self.metadata, self.chunks.len() as u32].map(u32::to_le_bytes).concat());
+            content.extend(
+                [streams, 0, self.metadata.len(), self.chunks.len()]
+                    .map(|count| count as u32)
+                    .map(u32::to_le_bytes)
+                    .concat(),
+            );
             content.extend(self.chunks.iter().map(|chunk| chunk.first_ns).min().unwrap_or(0).to_le_bytes());
             content.extend(self.chunks.iter().map(|chunk| chunk.last_ns).max().unwrap_or(0).to_le_bytes());
             map(content, self.counts.iter(), |content, (channel, count)| {
@@ -319,7 +338,7 @@ struct Scan {
     channels: Vec<String>,
     counts: BTreeMap<u16, u64>,
     chunks: Vec<Chunk>,
-    metadata: u32,
+    metadata: Vec<Metadata>,
 }
 
 impl Scan {
@@ -359,10 +378,10 @@ impl Scan {
                 *self.counts.entry(channel).or_insert(0) += entries.len() as u64 / 16;
                 Some(())
             })(),
-            op::METADATA => {
-                self.metadata += 1;
+            op::METADATA => (|| {
+                self.metadata.push(Metadata { name: fields.text()?, at, bytes: whole });
                 Some(())
-            }
+            })(),
             _ => Some(()),
         };
         Ok(understood.map(|()| whole))
@@ -398,6 +417,17 @@ fn record(records: &mut Vec<u8>, kind: u8, fill: impl FnOnce(&mut Vec<u8>)) {
     fill(records);
     let length = (records.len() - at - 8) as u64;
     records[at..at + 8].copy_from_slice(&length.to_le_bytes());
+}
+
+/// A record of words about the file.
+fn words(records: &mut Vec<u8>, name: &str, about: &BTreeMap<String, String>) {
+    record(records, op::METADATA, |content| {
+        text(content, name);
+        map(content, about.iter(), |content, (key, value)| {
+            text(content, key);
+            text(content, value);
+        });
+    });
 }
 
 fn counted(content: &mut Vec<u8>, bytes: &[u8]) {

@@ -69,6 +69,15 @@ pub(crate) struct LaserScan {
 }
 
 impl LaserScan {
+    /// The head alone; the ranges are there.
+    pub(crate) fn read_head(mut fields: Fields<'_>) -> Option<Head> {
+        let head = Head::read(&mut fields)?;
+        for _ in 0..7 {
+            fields.f32()?;
+        }
+        fields.count(4).map(|_| head)
+    }
+
     pub(crate) fn read(mut fields: Fields<'_>) -> Option<Self> {
         let head = Head::read(&mut fields)?;
         let (first_bearing_rad, _last) = (fields.f32()?, fields.f32()?);

@@ -9,7 +9,7 @@
 //!
 //! A recording is read three times, as a stream each time: [`inventory`] learns what is in it, [`plan`] chooses of that what is used
 //! and as what, and [`translate`] then gives the messages of a log, to the survey and to the replay. What echogrid itself recorded is in
-//! order already: [`native`].
+//! order already: [`native`]; with which settings, [`run`].
 
 pub(crate) mod bag;
 mod container;
@@ -23,6 +23,7 @@ mod mcap_writer;
 mod message;
 mod native;
 mod plan;
+mod run;
 mod sqlite;
 mod translate;
 mod wire;
@@ -41,6 +42,7 @@ use inventory::Inventory;
 pub use mcap_writer::{McapChannel, McapWriter};
 pub(crate) use native::{is_native, read as read_native, survey as survey_native};
 pub(crate) use plan::RecordingPlan;
+pub use run::{RUN_SETTINGS, RunWords, words_of_run};
 use translate::Translator;
 
 use super::carmen::message::Message;

@@ -366,9 +366,10 @@ impl Choice<'_> {
                 "{} topics of sensor_msgs/LaserScan in it; name one or more by --topic",
                 lidars.len()
             ))),
-            (false, false) if lidars.is_empty() && sonars.is_empty() => Err(self.refuse(
-                "no range readings in it: expected a topic of sensor_msgs/LaserScan or sensor_msgs/Range".to_owned(),
-            )),
+            (false, false) if lidars.is_empty() && sonars.is_empty() => Err(self.refuse(format!(
+                "no range readings in it: expected a topic of sensor_msgs/LaserScan or sensor_msgs/Range{}",
+                if self.inventory.has_clouds() { " (pointcloud_to_laserscan of ROS makes one of a cloud)" } else { "" }
+            ))),
             (false, false) => Ok(lidars.into_iter().chain(sonars).collect()),
         }
     }

@@ -79,7 +79,13 @@ impl<'a> Fields<'a> {
     /// A sequence of 32-bit numbers; their number is checked against what is there.
     pub(crate) fn f32s(&mut self) -> Option<Vec<f64>> {
         let count = self.count(4)?;
-        (0..count).map(|_| self.f32()).collect()
+        // Numbers of this size follow each other without a gap, in every layout.
+        let end = self.at.checked_add(count.checked_mul(4)?)?;
+        let raw = self.bytes.get(self.at..end)?;
+        self.at = end;
+        let is_big_endian = matches!(self.layout, Layout::Cdr { is_big_endian: true, .. });
+        let number = |raw: &[u8; 4]| if is_big_endian { f32::from_be_bytes(*raw) } else { f32::from_le_bytes(*raw) };
+        Some(raw.as_chunks().0.iter().map(number).map(f64::from).collect())
     }
 
     /// How many elements of at least so many bytes follow.

@@ -42,7 +42,7 @@ fn expected(to: u8) -> Vec<(String, u64, u8)> {
 #[test]
 fn what_was_flushed_is_read_wherever_the_file_ends() {
     let mut file = tempfile::tempfile().unwrap();
-    let mut writer = McapWriter::new(file.try_clone().unwrap(), "test").unwrap();
+    let mut writer = McapWriter::new(file.try_clone().unwrap(), "test", &RunWords::new()).unwrap();
     add(&mut writer, 0, 10);
     let flushed = writer.flush().unwrap() as usize;
     add(&mut writer, 10, 20);
@@ -63,7 +63,7 @@ fn what_was_flushed_is_read_wherever_the_file_ends() {
 fn a_file_that_is_gone_on_with_is_the_file_that_was_never_left() {
     let write = |resumes_at: Option<(u8, i64)>| {
         let mut file = tempfile::tempfile().unwrap();
-        let mut writer = McapWriter::new(file.try_clone().unwrap(), "test").unwrap();
+        let mut writer = McapWriter::new(file.try_clone().unwrap(), "test", &RunWords::new()).unwrap();
         add(&mut writer, 0, 10);
         let length = writer.flush().unwrap();
         if let Some((beyond, cut)) = resumes_at {
@@ -89,7 +89,7 @@ fn a_file_that_is_gone_on_with_is_the_file_that_was_never_left() {
 #[test]
 fn only_what_is_whole_is_gone_on_with() {
     let file = tempfile::tempfile().unwrap();
-    let mut writer = McapWriter::new(file.try_clone().unwrap(), "test").unwrap();
+    let mut writer = McapWriter::new(file.try_clone().unwrap(), "test", &RunWords::new()).unwrap();
     add(&mut writer, 0, 10);
     let length = writer.flush().unwrap();
     // A power cut took what the disk had not been told to keep.
