@@ -6,8 +6,15 @@ use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let _ = decode(bytes);
+    // All tiles in one stream, and in a section of their own
+    for version in [2_u32, 3] {
+        there_and_back(version, bytes);
+    }
+});
+
+fn there_and_back(version: u32, bytes: &[u8]) {
     let mut file = MAGIC.to_vec();
-    file.extend(2_u32.to_le_bytes());
+    file.extend(version.to_le_bytes());
     // Sections: a length of two bytes, then the content.
     let mut rest = bytes;
     for tag in [b"GRID", b"PROV", b"PATH", b"TILE", b"doub", b"END "] {
@@ -25,4 +32,4 @@ fuzz_target!(|bytes: &[u8]| {
         let again = encode(&document).expect("what was read can be written");
         assert_eq!(encode(&decode(&again).expect("what was written can be read")), Ok(again));
     }
-});
+}

@@ -119,6 +119,8 @@ impl LoadRequest {
         let has_one = graph.iter().any(|setting| setting.value.as_str() == Some(&recorder));
         if !has_one {
             found.add(argument::assign("services.recorder.exec", &recorder, &origin));
+            // Each tile that is told is written.
+            found.add(argument::assign("mapper.tiles_every_s", "0.5", &origin));
         }
         if !file.is_empty() {
             found.add(argument::assign("recorder.file", file, &origin));

@@ -110,6 +110,11 @@ pub(crate) static MAPPER: Section = Section {
             "a whole number from 4 to 10000000",
             "the most readings that are kept for that; what is older stays as it is",
         ),
+        key(
+            "tiles_every_s",
+            "a number of seconds from 0 to 3600",
+            "seconds of real time after which tiles that changed are told at the earliest; 0: after each scan",
+        ),
         words(
             "filters",
             &["range", "selection", "stuck", "lone", "bubble"],

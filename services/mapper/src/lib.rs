@@ -32,7 +32,7 @@ pub const OUTPUTS: &[Topic] = &[Topic::MapTiles, Topic::MapInfo, Topic::RangeVer
 pub const DECLARATION: Declaration =
     Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["save", "pause", "resume", "tell tiles"] };
 
-/// Changed tiles go out this often, by the sensor's clock.
+/// Where a log is played as fast as it goes, changed tiles go out this often, by the sensor's clock.
 const TILES_EVERY_NS: u64 = 500_000_000;
 /// Numbers of the whole map go out this often, by the sensor's clock.
 const INFO_EVERY_NS: u64 = 2_000_000_000;
@@ -87,6 +87,8 @@ pub struct MapperService {
     scans: u64,
     revision: u64,
     stamp_ns: u64,
+    /// How often changed tiles go out, by the sensor's clock: what is sent depends on the data alone.
+    tiles_every_ns: u64,
     tiles_due_ns: u64,
     info_due_ns: u64,
     finished: bool,
@@ -117,6 +119,7 @@ impl MapperService {
             scans: 0,
             revision: 0,
             stamp_ns: 0,
+            tiles_every_ns: TILES_EVERY_NS,
             tiles_due_ns: 0,
             info_due_ns: 0,
             finished: false,
@@ -129,7 +132,17 @@ impl MapperService {
     /// A section is missing or wrong.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
-        Ok(Self::new(&plan.section("mapper")?, &plan.section("odometry")?)?.saving_readings_in(run.out))
+        let mapper = Self::new(&plan.section("mapper")?, &plan.section("odometry")?)?;
+        Ok(mapper.saving_readings_in(run.out).at_rate(plan.rate))
+    }
+
+    /// Tells changed tiles as often as `mapper.tiles_every_s` says, for a sensor that is so many times as fast as real time; none: as
+    /// fast as the map can be made, where nobody waits for a single tile.
+    #[must_use]
+    pub fn at_rate(mut self, rate: Option<f64>) -> Self {
+        let every_ns = |rate: f64| (self.config.tiles_every_s * rate * 1e9) as u64;
+        self.tiles_every_ns = rate.map_or(TILES_EVERY_NS, every_ns);
+        self
     }
 
     /// Saves the readings that it keeps in this folder, at the end and on demand; if `mapper.keep_readings` is set.
@@ -227,7 +240,7 @@ impl MapperService {
         self.stamp_ns = scan.stamp_ns;
         out.send(scan.stamp_ns, Message::Verdicts(verdicts));
         if scan.stamp_ns >= self.tiles_due_ns {
-            self.tiles_due_ns = scan.stamp_ns.saturating_add(TILES_EVERY_NS);
+            self.tiles_due_ns = scan.stamp_ns.saturating_add(self.tiles_every_ns);
             self.publish_tiles(out);
             // After the tiles: what they changed is what the numbers are about.
             if scan.stamp_ns >= self.info_due_ns {

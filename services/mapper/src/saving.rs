@@ -108,6 +108,7 @@ impl MapperService {
             scans: state.scans,
             revision: state.revision,
             stamp_ns: state.stamp_ns,
+            tiles_every_ns: self.tiles_every_ns,
             tiles_due_ns: state.tiles_due_ns,
             info_due_ns: state.info_due_ns,
             finished: state.finished,

@@ -330,3 +330,21 @@ fn some_saved() -> &'static Saved {
         saved
     })
 }
+
+#[test]
+fn in_real_time_each_scan_tells_its_tiles() {
+    let told = |rate: Option<f64>| {
+        let config = MapperConfig::default();
+        let mut mapper = MapperService::new(&config, &OdometryConfig::default()).unwrap().at_rate(rate);
+        let mut told = BTreeSet::new();
+        for said in drive().iter().flat_map(|event| take(&mut mapper, event)) {
+            if let (stamp_ns, Said::Tile(..)) = said {
+                told.insert(stamp_ns);
+            }
+        }
+        told.len()
+    };
+    // A scan comes every 0.13 s; some are held.
+    assert!(told(Some(1.0)) > 100, "{}", told(Some(1.0)));
+    assert!(told(None) <= 160 * 13 / 50 + 1 && told(Some(50.0)) <= 160 * 13 / 100 + 1);
+}

@@ -13,7 +13,7 @@ use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{Grid, GridSummary, Tile};
 use echogrid_formats::map::{
-    MapDocument, MapError, MapFileOptions, MapFiles, MapFormat, PathPoint, Provenance, main_part,
+    Drawable, MapDocument, MapError, MapFileOptions, MapFiles, MapFormat, PathPoint, Provenance,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
@@ -138,29 +138,31 @@ impl PublisherService {
     }
 
     fn save(&mut self) -> Result<()> {
-        let Some(grid) = &self.grid else {
+        // Not a copy: the map may be half of what memory there is.
+        let Some(grid) = self.grid.take() else {
             tracing::warn!("no reading reached the map: nothing to save");
             return Ok(());
         };
+        let (doubt, path) = (self.doubt.take(), self.path.points());
+        let document = MapDocument { grid, doubt, path, provenance: self.provenance.clone() };
+        let saved = self.write(&document);
+        (self.grid, self.doubt) = (Some(document.grid), document.doubt);
+        saved
+    }
+
+    fn write(&mut self, document: &MapDocument) -> Result<()> {
         // For the log alone.
         let begun = Instant::now();
-        let (doubt, path) = (self.doubt.clone(), self.path.points());
-        let document = MapDocument { grid: grid.clone(), doubt, path, provenance: self.provenance.clone() };
-        self.written = self.saver.save(&self.out, &document, &self.config.map_files())?;
-        match main_part(&document) {
+        self.written = self.saver.save(&self.out, document, &self.config.map_files())?;
+        match Drawable::missing_of(document) {
             Ok(None) => {}
-            Ok(Some((_, tiles))) => {
-                tracing::warn!(
-                    tiles,
-                    "parts of the map lie too far away for a picture: all but map.echogrid show the main part"
-                );
-            }
+            Ok(Some(missing)) => tracing::warn!("all files but map.echogrid lack {missing}"),
             Err(error) => tracing::warn!(%error, "only map.echogrid can hold the map"),
         }
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
         }
-        let cells = GridSummary::of(grid).known;
+        let cells = GridSummary::of(&document.grid).known;
         let (files, seconds) = (self.written.len(), begun.elapsed().as_secs_f64());
         tracing::info!(files, cells, seconds, folder = %self.out.display(), "saved");
         Ok(())

@@ -21,7 +21,7 @@ use crate::kind::{self, Kind};
 use crate::log::carmen::CarmenWriter;
 use crate::log::{self, KNOWN_FORMATS, LogError};
 use crate::map::map_server::{self, MapMode, Thresholds};
-use crate::map::{MapError, OccupancyMap, native, npy, picture};
+use crate::map::{Drawable, MapDocument, MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
 use crate::whole_file::{WholeFile, write_together, write_whole};
 use crate::{WriteError, open_regular};
@@ -191,16 +191,25 @@ fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<Conver
             report.written.push(output.to_path_buf());
         }
         "png" => {
+            let document = drawn(document, &mut report)?;
             write_whole(output, &picture::encode(&document, true)?)?;
             report.written.push(output.to_path_buf());
             report.lost.push("a picture has no scale: resolution and origin are not in it".into());
         }
         _ => {
             report.lost.push("path, trust, revisions and provenance".into());
+            let document = drawn(document, &mut report)?;
             write_occupancy(input, output, extension, &OccupancyMap::of(&document.grid)?, &mut report)?;
         }
     }
     Ok(report)
+}
+
+/// What a rectangle of cells can hold of a map.
+fn drawn(document: MapDocument, report: &mut ConvertReport) -> Result<MapDocument, ConvertError> {
+    let drawable = Drawable::of(&document)?;
+    report.lost.extend(drawable.what_is_missing());
+    Ok(drawable.document.unwrap_or(document))
 }
 
 fn convert_map_server(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {

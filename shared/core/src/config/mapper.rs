@@ -192,6 +192,8 @@ pub struct MapperConfig {
     pub lone_tolerance_m: f64,
     /// A point that is this little inside of a bubble does not invade it, metres.
     pub bubble_tolerance_m: f64,
+    /// How often tiles that changed are told while the map grows, seconds of real time; 0: after each scan.
+    pub tiles_every_s: f64,
     /// Whether a map of each sonar is kept besides.
     pub sonar_maps: bool,
     /// Whether it is kept how much odometry error the evidence of each cell carried.
@@ -238,6 +240,7 @@ impl Default for MapperConfig {
             stuck_after_m: 0.5,
             lone_tolerance_m: 0.15,
             bubble_tolerance_m: 0.05,
+            tiles_every_s: 0.02,
             sonar_maps: false,
             doubt: false,
             keep_readings: false,
@@ -308,6 +311,8 @@ impl MapperConfig {
             self.novelty_m,
             "metres, from 0 (off) to 1000",
         )?;
+        let every_s = self.tiles_every_s;
+        ConfigError::unless(within(every_s, 0.0, 3600.0), "tiles_every_s", every_s, "seconds, from 0 to 3600")?;
         probability("echo_prior", self.echo_prior)?;
         probability("echo_detection", self.echo_detection)?;
         probability("echo_clutter", self.echo_clutter)?;

@@ -66,6 +66,7 @@ fn mapper_names_the_wrong_key() {
     }
     assert_eq!(mapper_key(|c| c.tempering = -0.1), Some("tempering"));
     assert_eq!(mapper_key(|c| c.novelty_m = f64::NAN), Some("novelty_m"));
+    assert_eq!(mapper_key(|c| c.tiles_every_s = -0.1), Some("tiles_every_s"));
     assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));
     assert_eq!(mapper_key(|c| c.keep_readings_max = 0), Some("keep_readings_max"));
     assert_eq!(mapper_key(|c| c.remap_readings_max = u32::MAX), Some("remap_readings_max"));

@@ -137,7 +137,7 @@ impl Grid {
     }
 
     /// All tiles, row by row.
-    pub fn tiles(&self) -> impl Iterator<Item = (TileIndex, &Tile)> {
+    pub fn tiles(&self) -> impl DoubleEndedIterator<Item = (TileIndex, &Tile)> {
         self.tiles.iter().map(|(index, slot)| (*index, &slot.tile))
     }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::map_server::{self, MapMode, Thresholds};
-use super::{MapDocument, MapError, OccupancyMap, doubt, main_part, native, npy, picture};
+use super::{Drawable, MapDocument, MapError, OccupancyMap, doubt, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::{write_together, write_whole};
 
@@ -88,7 +88,7 @@ impl MapFiles {
     ///
     /// # Errors
     /// When a file can't be written; those written before it are there then. When the known cells lie too far apart for a
-    /// picture, the other files show the main part of the map; when it has none ([`main_part`]), they are not written.
+    /// picture, the other files show what a picture can hold ([`Drawable`]); where that is nothing, they are not written.
     pub fn write_all(
         folder: &Path,
         document: &MapDocument,
@@ -103,13 +103,13 @@ impl MapFiles {
         if options.has(MapFormat::Echogrid) {
             native::write(&file("map.echogrid"), document)?;
         }
-        let part = match main_part(document) {
-            Ok(part) => part,
+        let drawable = match Drawable::of(document) {
+            Ok(drawable) => drawable,
             Err(_) => {
                 return Ok(if options.has(MapFormat::Echogrid) { vec![file("map.echogrid")] } else { Vec::new() });
             }
         };
-        let document = part.as_ref().map_or(document, |(part, _)| part);
+        let document = drawable.document.as_ref().unwrap_or(document);
         if options.has(MapFormat::Png) {
             let encode = if options.draw_legend { picture::encode_with_legend } else { picture::encode };
             write_whole(&file("map.png"), &encode(document, options.draw_path)?)?;

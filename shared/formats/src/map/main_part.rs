@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use echogrid_core::{Grid, TileIndex};
 
-use super::occupancy::fits;
+use super::occupancy::{extent_of, fits, is_small_enough};
 use super::{MapDocument, MapError, PathPoint};
 
 /// Tiles that are no farther apart than so many belong together.
@@ -15,7 +15,7 @@ const TOGETHER: i32 = 4;
 ///
 /// # Errors
 /// No part of it is both the main part and small enough.
-pub fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>, MapError> {
+pub(super) fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>, MapError> {
     let Err(too_large) = fits(&document.grid) else { return Ok(None) };
     let tiles: BTreeSet<TileIndex> = known(&document.grid).map(|(index, _)| index).collect();
     let tile_of = |point: &PathPoint| document.grid.cell_at(point.pose.x, point.pose.y).tile();
@@ -25,6 +25,10 @@ pub fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>,
         (way, cells(&document.grid, group))
     });
     let main = main.unwrap_or_default();
+    // Before it is copied
+    if !extent_of(main.iter()).is_some_and(is_small_enough) {
+        return Err(too_large);
+    }
     let only = |grid: &Grid| {
         let mut part = Grid::new(grid.resolution_m());
         for (index, tile) in grid.tiles().filter(|(index, _)| main.contains(index)) {
@@ -33,7 +37,6 @@ pub fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, usize)>,
         part
     };
     let grid = only(&document.grid);
-    fits(&grid).map_err(|_| too_large)?;
     let doubt = document.doubt.as_ref().map(only);
     // The robot may be anywhere by now.
     let path = document.path.iter().filter(|point| main.contains(&tile_of(point))).copied().collect();

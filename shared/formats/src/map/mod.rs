@@ -16,6 +16,7 @@
 
 mod document;
 pub mod doubt;
+mod drawable;
 mod error;
 mod files;
 mod legend;
@@ -29,7 +30,7 @@ pub mod readings;
 pub mod sheet;
 
 pub use document::{MapDocument, PathPoint, Provenance};
+pub use drawable::Drawable;
 pub use error::MapError;
 pub use files::{MapFileOptions, MapFiles, MapFormat};
-pub use main_part::main_part;
 pub use occupancy::OccupancyMap;

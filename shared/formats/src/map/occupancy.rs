@@ -1,6 +1,6 @@
 //! Occupancy as a rectangle of probabilities: what other programs' map files hold.
 
-use echogrid_core::{Grid, Pose2, Raster, TILE_SIDE};
+use echogrid_core::{Grid, Pose2, Raster, TILE_SIDE, Tile, TileIndex};
 
 use super::MapError;
 
@@ -56,28 +56,51 @@ pub(crate) fn probability(log_odds: f32) -> f32 {
     (1.0 / (1.0 + libm::exp(-f64::from(log_odds)))) as f32
 }
 
-/// Whether the rectangle of all known cells is not too large.
-pub(crate) fn fits(grid: &Grid) -> Result<(), MapError> {
-    let known = grid.tiles().filter(|(_, tile)| tile.log_odds.iter().any(|cell| !cell.is_nan()));
-    let bounds = known.fold(None::<[i64; 4]>, |bounds, (index, _)| {
+/// The rectangle of all tiles with known cells: cells along x and y; none where nothing is known, or no cell of it could be numbered.
+pub(crate) fn extent(grid: &Grid) -> Option<[u64; 2]> {
+    let indices: Vec<TileIndex> = known(grid).collect();
+    extent_of(indices.iter())
+}
+
+/// The same of these tiles.
+pub(crate) fn extent_of<'a>(tiles: impl Iterator<Item = &'a TileIndex>) -> Option<[u64; 2]> {
+    let [x0, x1, y0, y1] = bounds(tiles.copied())?;
+    let numbered = |tile: i64| (tile * TILE_SIDE as i64).unsigned_abs() < (1 << 30);
+    [x0, x1, y0, y1].into_iter().all(numbered).then(|| cells([x0, x1, y0, y1]))
+}
+
+/// Whether a rectangle of so many cells along x and y is drawn as it is.
+pub(crate) fn is_small_enough([width, height]: [u64; 2]) -> bool {
+    width.saturating_mul(height) <= CELLS_MAX
+}
+
+fn known(grid: &Grid) -> impl Iterator<Item = TileIndex> {
+    let has_known = |tile: &Tile| tile.log_odds.iter().any(|cell| !cell.is_nan());
+    grid.tiles().filter(move |(_, tile)| has_known(tile)).map(|(index, _)| index)
+}
+
+/// Lowest and highest tile along x, then along y.
+fn bounds(tiles: impl Iterator<Item = TileIndex>) -> Option<[i64; 4]> {
+    tiles.fold(None, |bounds, index| {
         let (x, y) = (i64::from(index.x), i64::from(index.y));
         let [x0, x1, y0, y1] = bounds.unwrap_or([x, x, y, y]);
         Some([x0.min(x), x1.max(x), y0.min(y), y1.max(y)])
-    });
-    if let Some([x0, x1, y0, y1]) = bounds {
-        let side = TILE_SIDE as u64;
-        let (width, height) = (x0.abs_diff(x1).saturating_add(1) * side, y0.abs_diff(y1).saturating_add(1) * side);
-        let numbered = |tile: i64| (tile * side as i64).unsigned_abs() < (1 << 30);
-        if width.saturating_mul(height) > CELLS_MAX || ![x0, x1, y0, y1].into_iter().all(numbered) {
-            let resolution_m = grid.resolution_m();
-            return Err(MapError::TooLarge {
-                width_m: width as f64 * resolution_m,
-                height_m: height as f64 * resolution_m,
-                resolution_m,
-            });
-        }
+    })
+}
+
+/// Cells along x and y.
+fn cells([x0, x1, y0, y1]: [i64; 4]) -> [u64; 2] {
+    [x0.abs_diff(x1), y0.abs_diff(y1)].map(|tiles| tiles.saturating_add(1).saturating_mul(TILE_SIDE as u64))
+}
+
+/// Whether the rectangle of all known cells is not too large.
+pub(crate) fn fits(grid: &Grid) -> Result<(), MapError> {
+    let Some(bounds) = bounds(known(grid)) else { return Ok(()) };
+    if extent(grid).is_some_and(is_small_enough) {
+        return Ok(());
     }
-    Ok(())
+    let (resolution_m, [width_m, height_m]) = (grid.resolution_m(), cells(bounds).map(|cells| cells as f64));
+    Err(MapError::TooLarge { width_m: width_m * resolution_m, height_m: height_m * resolution_m, resolution_m })
 }
 
 /// The dense rectangle of all known cells, at least one cell.

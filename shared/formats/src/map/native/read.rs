@@ -3,12 +3,12 @@
 use std::io::Read as _;
 
 use echogrid_core::grid::UNKNOWN;
-use echogrid_core::{Grid, Pose2, TileIndex};
+use echogrid_core::{Grid, Pose2, TILE_CELLS, TileIndex};
 use flate2::read::ZlibDecoder;
 
 use super::{
-    DOUBT, END, GRID, MAGIC, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_BYTES, TILE_INDEX_MAX, TILES,
-    TILES_MAX, VERSION,
+    BLOCK_TILES, DOUBT, END, GRID, MAGIC, NUMBERS_BYTES, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_BYTES,
+    TILE_INDEX_MAX, TILES, TILES_MAX, VERSION, WHOLE_VERSION,
 };
 use crate::map::{MapDocument, PathPoint};
 
@@ -120,19 +120,31 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
         .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "JSON"))?;
     let path = path(cursor.section(PATH)?, point_count)?;
     let mut grid = Grid::new(resolution_m);
-    tiles(TILES, cursor.section(TILES)?, tile_count, &mut grid)?;
-    let mut doubt = None;
+    if version <= WHOLE_VERSION {
+        tiles(TILES, cursor.section(TILES)?, tile_count, &mut grid)?;
+    }
+    while version > WHOLE_VERSION && (grid.tile_count() as u64) < tile_count {
+        block(TILES, cursor.section(TILES)?, &mut grid)?;
+    }
+    if grid.tile_count() as u64 != tile_count {
+        return Err(NativeError::value(TILES, "number of tiles", grid.tile_count(), "as many as are told"));
+    }
+    let mut doubt: Option<Grid> = None;
     while version > PLAIN_VERSION
         && let Some(tag) = cursor.optional_tag()
     {
         let content = cursor.section(tag)?;
         if tag == DOUBT {
-            if doubt.is_some() {
+            if version > WHOLE_VERSION {
+                block(DOUBT, content, doubt.get_or_insert_with(|| Grid::new(resolution_m)))?;
+            } else if doubt.is_some() {
                 return Err(NativeError::value(DOUBT, "section", "there twice", "at most one"));
+            } else {
+                doubt = Some(self::doubt(content, resolution_m)?);
             }
-            doubt = Some(self::doubt(content, resolution_m)?);
         }
     }
+    doubt.as_ref().map_or(Ok(()), check_doubt)?;
     if !cursor.section(END)?.is_empty() {
         return Err(NativeError::value(END, "length", "not 0", "0"));
     }
@@ -194,7 +206,6 @@ fn doubt(content: &[u8], resolution_m: f64) -> Result<Grid, NativeError> {
     }
     let mut grid = Grid::new(resolution_m);
     tiles(DOUBT, content.get(cursor.at..).unwrap_or_default(), tile_count, &mut grid)?;
-    check_doubt(&grid)?;
     Ok(grid)
 }
 
@@ -206,36 +217,96 @@ pub(super) fn check_doubt(grid: &Grid) -> Result<(), NativeError> {
     wrong.map_or(Ok(()), refuse)
 }
 
+/// All tiles of a file of version 1 or 2.
 fn tiles(tag: [u8; 4], content: &[u8], tile_count: u64, grid: &mut Grid) -> Result<(), NativeError> {
-    let mut decoder = ZlibDecoder::new(content);
+    let mut stream = Stream::new(tag, content);
     let mut bytes = vec![0; TILE_BYTES];
-    let mut previous: Option<TileIndex> = None;
+    let mut previous = None;
     for _ in 0..tile_count {
-        decoder
-            .read_exact(&mut bytes)
-            .map_err(|error| NativeError::value(tag, "compressed tiles", error, "as many tiles as are told"))?;
+        stream.fill(&mut bytes)?;
         let mut cursor = Cursor::new(&bytes);
-        let x = i32::from_le_bytes(cursor.array("tile")?);
-        let y = i32::from_le_bytes(cursor.array("tile")?);
-        let index = TileIndex { x, y };
-        if x.unsigned_abs().max(y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
-            return Err(NativeError::value(tag, "tile", format!("{index:?}"), "within 2^24 of the origin"));
-        }
-        if previous.is_some_and(|previous| previous >= index) {
-            return Err(NativeError::value(tag, "tile", format!("{index:?}"), "tiles in ascending order"));
-        }
-        previous = Some(index);
+        let index = index(tag, &mut cursor, &mut previous)?;
         let tile = grid.tile_mut(index);
         tile.revision = u64::from_le_bytes(cursor.array("revision")?);
         for cell in tile.log_odds.iter_mut() {
-            let log_odds = f32::from_le_bytes(cursor.array("cell")?);
-            *cell = if log_odds.is_nan() { UNKNOWN } else { log_odds };
+            *cell = any_nan_as_one(cursor.array("cell")?);
         }
     }
-    match decoder.read(&mut [0]) {
-        Ok(0) => Ok(()),
-        Ok(_) => Err(NativeError::value(tag, "compressed tiles", "longer", "as many tiles as are told")),
-        Err(error) => Err(NativeError::value(tag, "compressed tiles", error, "a whole zlib stream")),
+    stream.end()
+}
+
+/// Some tiles, which come after those that are there.
+fn block(tag: [u8; 4], content: &[u8], grid: &mut Grid) -> Result<(), NativeError> {
+    let mut cursor = Cursor::new(content);
+    let count = u32::from_le_bytes(cursor.array("number of tiles")?) as usize;
+    // Nothing but an empty map has none.
+    if count > BLOCK_TILES || (count == 0 && tag == TILES) {
+        return Err(NativeError::value(tag, "number of tiles", count, "1 to 256 in a section"));
+    }
+    let mut stream = Stream::new(tag, cursor.rest());
+    let mut numbers = vec![0; count * NUMBERS_BYTES];
+    stream.fill(&mut numbers)?;
+    let mut planes = vec![0; 4 * count * TILE_CELLS];
+    stream.fill(&mut planes)?;
+    stream.end()?;
+    let mut numbers = Cursor::new(&numbers);
+    let mut previous = grid.tiles().next_back().map(|(index, _)| index);
+    let plane = |n: usize| planes.chunks_exact(TILE_CELLS).skip(n * count);
+    let cells = plane(0).zip(plane(1)).zip(plane(2).zip(plane(3)));
+    for ((low, second), (third, high)) in cells.take(count) {
+        let index = index(tag, &mut numbers, &mut previous)?;
+        let tile = grid.tile_mut(index);
+        tile.revision = u64::from_le_bytes(numbers.array("revision")?);
+        let bytes = low.iter().zip(second).zip(third.iter().zip(high));
+        for (cell, ((low, second), (third, high))) in tile.log_odds.iter_mut().zip(bytes) {
+            *cell = any_nan_as_one([*low, *second, *third, *high]);
+        }
+    }
+    Ok(())
+}
+
+/// Where the next tile lies.
+fn index(tag: [u8; 4], cursor: &mut Cursor<'_>, previous: &mut Option<TileIndex>) -> Result<TileIndex, NativeError> {
+    let x = i32::from_le_bytes(cursor.array("tile")?);
+    let y = i32::from_le_bytes(cursor.array("tile")?);
+    let index = TileIndex { x, y };
+    if x.unsigned_abs().max(y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
+        return Err(NativeError::value(tag, "tile", format!("{index:?}"), "within 2^24 of the origin"));
+    }
+    if previous.is_some_and(|previous| previous >= index) {
+        return Err(NativeError::value(tag, "tile", format!("{index:?}"), "tiles in ascending order"));
+    }
+    *previous = Some(index);
+    Ok(index)
+}
+
+fn any_nan_as_one(bytes: [u8; 4]) -> f32 {
+    let value = f32::from_le_bytes(bytes);
+    if value.is_nan() { UNKNOWN } else { value }
+}
+
+/// A zlib stream of tiles.
+struct Stream<'a> {
+    tag: [u8; 4],
+    decoder: ZlibDecoder<&'a [u8]>,
+}
+
+impl<'a> Stream<'a> {
+    fn new(tag: [u8; 4], content: &'a [u8]) -> Self {
+        Self { tag, decoder: ZlibDecoder::new(content) }
+    }
+
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<(), NativeError> {
+        let short = |error| NativeError::value(self.tag, "compressed tiles", error, "as many tiles as are told");
+        self.decoder.read_exact(bytes).map_err(short)
+    }
+
+    fn end(mut self) -> Result<(), NativeError> {
+        match self.decoder.read(&mut [0]) {
+            Ok(0) => Ok(()),
+            Ok(_) => Err(NativeError::value(self.tag, "compressed tiles", "longer", "as many tiles as are told")),
+            Err(error) => Err(NativeError::value(self.tag, "compressed tiles", error, "a whole zlib stream")),
+        }
     }
 }
 
@@ -298,173 +369,5 @@ impl<'a> Cursor<'a> {
             return Err(NativeError::Checksum { section: escape(&tag), at: start as u64, found, expected });
         }
         Ok(content)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::super::encode;
-    use super::*;
-    use crate::map::Provenance;
-
-    /// Tile x, y, revision, and cells by their offset.
-    type TileOf = (i32, i32, u64, Vec<(usize, f32)>);
-
-    fn document(tiles: &[TileOf], points: &[(u64, f64, f64)]) -> MapDocument {
-        let mut grid = Grid::new(0.05);
-        for (x, y, revision, cells) in tiles {
-            let tile = grid.tile_mut(TileIndex { x: *x, y: *y });
-            tile.revision = *revision;
-            for (offset, log_odds) in cells {
-                tile.log_odds[*offset] = *log_odds;
-            }
-        }
-        let point = |(stamp_ns, x, theta): &(u64, f64, f64)| PathPoint {
-            stamp_ns: *stamp_ns,
-            pose: Pose2 { x: *x, y: -*x, theta: *theta },
-            trust: 0.5,
-        };
-        let provenance = Provenance {
-            software: "echogrid 0".into(),
-            log_sha256: Some("ab".into()),
-            config_toml: "[mapper]\nresolution_m = 0.05 # ü\n".into(),
-        };
-        MapDocument { grid, doubt: None, path: points.iter().map(point).collect(), provenance }
-    }
-
-    fn small() -> MapDocument {
-        document(&[(-1, 2, 7, vec![(0, 1.5), (4095, -8.0)]), (0, 0, 0, vec![])], &[(5, 1.0, 9.0)])
-    }
-
-    fn assert_same(a: &MapDocument, b: &MapDocument) {
-        assert_eq!(a.path, b.path);
-        assert_eq!(a.provenance, b.provenance);
-        assert_eq!(a.grid.resolution_m().to_bits(), b.grid.resolution_m().to_bits());
-        assert_eq!(a.grid.tile_count(), b.grid.tile_count());
-        for ((index_a, tile_a), (index_b, tile_b)) in a.grid.tiles().zip(b.grid.tiles()) {
-            assert_eq!((index_a, tile_a.revision), (index_b, tile_b.revision));
-            for (cell_a, cell_b) in tile_a.log_odds.iter().zip(tile_b.log_odds.iter()) {
-                assert!(cell_a.to_bits() == cell_b.to_bits() || (cell_a.is_nan() && cell_b.is_nan()));
-            }
-        }
-    }
-
-    #[test]
-    fn every_truncation_is_an_error() {
-        let bytes = encode(&small()).unwrap();
-        for length in 0..bytes.len() {
-            assert!(matches!(decode(&bytes[..length]), Err(NativeError::Truncated { at, .. }) if at == length as u64));
-        }
-        assert!(decode(&bytes).is_ok());
-    }
-
-    #[test]
-    fn every_flipped_bit_is_an_error() {
-        let bytes = encode(&small()).unwrap();
-        for at in 0..bytes.len() {
-            let mut damaged = bytes.clone();
-            damaged[at] ^= 0x10;
-            assert!(decode(&damaged).is_err(), "byte {at}");
-        }
-    }
-
-    #[test]
-    fn errors_say_what_is_wrong() {
-        let bytes = encode(&small()).unwrap();
-        assert!(matches!(decode(b"P5\n2 2\n255\n"), Err(NativeError::Magic { .. })));
-        let mut newer = bytes.clone();
-        newer[8] = 3;
-        assert_eq!(decode(&newer).unwrap_err(), NativeError::NewerVersion { found: 3 });
-        let mut longer = bytes;
-        longer.push(0);
-        assert!(matches!(decode(&longer), Err(NativeError::Trailing { count: 1, .. })));
-    }
-
-    #[test]
-    fn doubt_comes_back_and_who_has_none_writes_what_old_readers_read() {
-        let plain = encode(&small()).unwrap();
-        assert_eq!((plain[8], decode(&plain).unwrap().doubt.is_none()), (1, true));
-        let with = |metres: f32| {
-            let mut map = small();
-            let mut doubt = Grid::new(0.05);
-            doubt.tile_mut(TileIndex { x: -1, y: 2 }).log_odds[9] = metres;
-            map.doubt = Some(doubt);
-            encode(&map)
-        };
-        let bytes = with(0.25).unwrap();
-        let back = decode(&bytes).unwrap();
-        assert_same(&small(), &back);
-        assert_eq!(back.doubt.as_ref().unwrap().tile(TileIndex { x: -1, y: 2 }).unwrap().log_odds[9], 0.25);
-        assert_eq!((bytes[8], encode(&back).unwrap()), (2, bytes.clone()));
-        for length in 0..bytes.len() {
-            assert!(decode(&bytes[..length]).is_err(), "{length}");
-        }
-        assert!(with(-0.1).is_err() && with(f32::INFINITY).is_err());
-        // A later version's optional section is left out; one with a capital letter is none of these.
-        let add = |tag: &[u8; 4]| {
-            let mut section = [&tag[..], &3_u64.to_le_bytes(), b"abc"].concat();
-            section.extend(crc32fast::hash(&section).to_le_bytes());
-            let mut more = bytes.clone();
-            let end = more.len() - 16;
-            more.splice(end..end, section);
-            decode(&more)
-        };
-        assert!(add(b"what").unwrap().doubt.is_some());
-        assert!(matches!(add(b"What"), Err(NativeError::Section { .. })));
-    }
-
-    #[test]
-    fn any_nan_is_written_as_one() {
-        let mut odd = small();
-        odd.grid.tile_mut(TileIndex { x: 0, y: 0 }).log_odds[3] = f32::from_bits(0xffc1_2345);
-        assert_eq!(encode(&odd).unwrap(), encode(&small()).unwrap());
-    }
-
-    #[test]
-    fn what_could_not_be_read_back_is_not_written() {
-        assert!(encode(&document(&[], &[(0, f64::NAN, 0.0)])).is_err());
-        assert!(encode(&document(&[(i32::MAX, 0, 0, vec![])], &[])).is_err());
-        for resolution_m in [0.0, 1e-7, 1e7, f64::NAN, f64::INFINITY] {
-            let flat = MapDocument { grid: Grid::new(resolution_m), ..small() };
-            assert!(encode(&flat).is_err(), "{resolution_m}");
-        }
-    }
-
-    /// Cells so large that whoever looked for walls could not number its steps (found by fuzzing).
-    #[test]
-    fn a_map_of_absurd_resolution_is_refused() {
-        let mut file = encode(&small()).unwrap();
-        // After magic, version, tag and length; the checksum is that of the section.
-        file[24..32].copy_from_slice(&1e300_f64.to_le_bytes());
-        let checksum = crc32fast::hash(&file[12..48]);
-        file[48..52].copy_from_slice(&checksum.to_le_bytes());
-        let error = decode(&file).unwrap_err().to_string();
-        assert!(error.contains("resolution is 1000") && error.contains("metres from 1e-6 to 1e6"), "{error}");
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
-
-        #[test]
-        fn there_and_back(
-            tiles in prop::collection::vec(
-                (-3..3, -3..3, any::<u64>(), prop::collection::vec((0..4096_usize, -9.0_f32..9.0), 0..20)), 0..5),
-            points in prop::collection::vec((any::<u64>(), -1e6..1e6, -10.0..10.0), 0..20),
-        ) {
-            let document = document(&tiles, &points);
-            let bytes = encode(&document).unwrap();
-            let back = decode(&bytes).unwrap();
-            assert_same(&document, &back);
-            prop_assert_eq!(encode(&back).unwrap(), bytes);
-        }
-
-        #[test]
-        fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..300), with_magic: bool) {
-            let mut file = if with_magic { MAGIC.to_vec() } else { Vec::new() };
-            file.extend(bytes);
-            prop_assert!(decode(&file).is_err());
-        }
     }
 }

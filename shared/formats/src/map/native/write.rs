@@ -2,19 +2,18 @@
 
 use std::io::Write as _;
 
+use echogrid_core::{Grid, TILE_CELLS, Tile, TileIndex};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
-use echogrid_core::Grid;
-
 use super::{
-    DOUBT, END, GRID, MAGIC, NativeError, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX, TILES,
-    TILES_MAX, VERSION,
+    BLOCK_TILES, DOUBT, END, GRID, MAGIC, NUMBERS_BYTES, NativeError, PATH, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX,
+    TILES, TILES_MAX, VERSION,
 };
 use crate::map::MapDocument;
 
-/// Fixed: another level would give other bytes.
-const LEVEL: Compression = Compression::new(6);
+/// Fixed: another level would give other bytes. Of planes of bytes more would hardly be less.
+const LEVEL: Compression = Compression::new(1);
 
 /// The map as a native file's bytes. The same map gives the same bytes.
 ///
@@ -22,24 +21,40 @@ const LEVEL: Compression = Compression::new(6);
 /// When the map holds what could not be read back: a resolution beyond 1e-6 and 1e6 m, a path
 /// point that is not finite, a tile beyond 2²⁴, or more than [`TILES_MAX`] tiles.
 pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
+    let mut file = Vec::new();
+    for part in parts(document) {
+        file.extend(part?);
+    }
+    Ok(file)
+}
+
+/// The same in parts of a few megabytes at most, so that a large map is never in memory twice.
+pub(super) fn parts(document: &MapDocument) -> impl Iterator<Item = Result<Vec<u8>, NativeError>> {
+    let head = core::iter::once_with(|| head(document));
+    let doubt = document.doubt.iter().flat_map(|doubt| Blocks::of(DOUBT, doubt));
+    let end = core::iter::once_with(|| {
+        let mut end = Vec::new();
+        section(&mut end, END, &[]);
+        Ok(end)
+    });
+    head.chain(Blocks::of(TILES, &document.grid)).chain(doubt).chain(end)
+}
+
+/// What comes before the tiles; nothing of the map is written where this fails.
+fn head(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
     let MapDocument { grid, doubt, path, provenance } = document;
     let resolution_m = grid.resolution_m();
     super::read::check_resolution(resolution_m)?;
-    let tile_count = tile_count(GRID, grid)?;
-    let mut file = MAGIC.to_vec();
-    let version = if doubt.is_some() { VERSION } else { PLAIN_VERSION };
-    file.extend_from_slice(&version.to_le_bytes());
-
-    let mut content = Vec::new();
-    content.extend_from_slice(&resolution_m.to_le_bytes());
-    content.extend_from_slice(&tile_count.to_le_bytes());
-    content.extend_from_slice(&(path.len() as u64).to_le_bytes());
-    section(&mut file, GRID, &content);
-
+    if let Some(doubt) = doubt {
+        super::read::check_doubt(doubt)?;
+        tile_count(DOUBT, doubt)?;
+    }
+    let mut file = [&MAGIC[..], &VERSION.to_le_bytes()].concat();
+    let numbers = [tile_count(GRID, grid)?, path.len() as u64].map(u64::to_le_bytes).concat();
+    section(&mut file, GRID, &[&resolution_m.to_le_bytes()[..], &numbers].concat());
     let content = serde_json::to_vec(provenance)
         .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "text that JSON can hold"))?;
     section(&mut file, PROVENANCE, &content);
-
     let mut content = Vec::with_capacity(path.len() * POINT_BYTES);
     for point in path {
         if !(point.pose.is_finite() && point.trust.is_finite()) {
@@ -51,15 +66,6 @@ pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
         }
     }
     section(&mut file, PATH, &content);
-
-    section(&mut file, TILES, &tiles(TILES, grid)?);
-    if let Some(doubt) = doubt {
-        super::read::check_doubt(doubt)?;
-        let mut content = self::tile_count(DOUBT, doubt)?.to_le_bytes().to_vec();
-        content.extend(tiles(DOUBT, doubt)?);
-        section(&mut file, DOUBT, &content);
-    }
-    section(&mut file, END, &[]);
     Ok(file)
 }
 
@@ -71,26 +77,62 @@ fn tile_count(tag: [u8; 4], grid: &Grid) -> Result<u64, NativeError> {
     Ok(count)
 }
 
-/// All tiles as a zlib stream.
-fn tiles(tag: [u8; 4], grid: &Grid) -> Result<Vec<u8>, NativeError> {
-    let mut tiles = ZlibEncoder::new(Vec::new(), LEVEL);
-    let mut bytes = Vec::new();
-    for (index, tile) in grid.tiles() {
+/// The tiles of a grid, section by section.
+struct Blocks<'a> {
+    tag: [u8; 4],
+    tiles: Vec<(TileIndex, &'a Tile)>,
+    /// Tiles that are written.
+    written: usize,
+    /// A doubt of no tile is one nevertheless.
+    is_begun: bool,
+}
+
+impl<'a> Blocks<'a> {
+    fn of(tag: [u8; 4], grid: &'a Grid) -> Self {
+        Self { tag, tiles: grid.tiles().collect(), written: 0, is_begun: tag == TILES }
+    }
+}
+
+impl Iterator for Blocks<'_> {
+    type Item = Result<Vec<u8>, NativeError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let tiles = self.tiles.get(self.written..).unwrap_or_default();
+        let tiles = tiles.get(..BLOCK_TILES).unwrap_or(tiles);
+        if std::mem::replace(&mut self.is_begun, true) && tiles.is_empty() {
+            return None;
+        }
+        self.written += tiles.len();
+        Some(block(self.tag, tiles))
+    }
+}
+
+/// Some tiles as a section.
+fn block(tag: [u8; 4], tiles: &[(TileIndex, &Tile)]) -> Result<Vec<u8>, NativeError> {
+    let mut numbers = Vec::with_capacity(tiles.len() * NUMBERS_BYTES);
+    let mut planes = vec![0; 4 * tiles.len() * TILE_CELLS];
+    for (at, (index, tile)) in tiles.iter().enumerate() {
         if index.x.unsigned_abs().max(index.y.unsigned_abs()) > TILE_INDEX_MAX.unsigned_abs() {
             return Err(NativeError::value(tag, "tile", format!("{index:?}"), "within 2^24 of the origin"));
         }
-        bytes.clear();
-        bytes.extend_from_slice(&index.x.to_le_bytes());
-        bytes.extend_from_slice(&index.y.to_le_bytes());
-        bytes.extend_from_slice(&tile.revision.to_le_bytes());
-        for log_odds in tile.log_odds.iter() {
-            // One NaN for all: its payload says nothing.
-            let bits = if log_odds.is_nan() { 0x7fc0_0000 } else { log_odds.to_bits() };
-            bytes.extend_from_slice(&bits.to_le_bytes());
+        numbers.extend_from_slice(&index.x.to_le_bytes());
+        numbers.extend_from_slice(&index.y.to_le_bytes());
+        numbers.extend_from_slice(&tile.revision.to_le_bytes());
+        // One NaN for all: its payload says nothing.
+        let bits = |cell: &f32| if cell.is_nan() { 0x7fc0_0000 } else { cell.to_bits() };
+        for (byte, plane) in planes.chunks_exact_mut(tiles.len() * TILE_CELLS).enumerate() {
+            let bytes = plane.iter_mut().skip(at * TILE_CELLS);
+            for (to, cell) in bytes.zip(tile.log_odds.iter()) {
+                *to = (bits(cell) >> (8 * byte)) as u8;
+            }
         }
-        tiles.write_all(&bytes).map_err(|error| NativeError::value(tag, "tile", error, "room in memory"))?;
     }
-    tiles.finish().map_err(|error| NativeError::value(tag, "tiles", error, "room in memory"))
+    let full = |error| NativeError::value(tag, "tiles", error, "room in memory");
+    let mut stream = ZlibEncoder::new((tiles.len() as u32).to_le_bytes().to_vec(), LEVEL);
+    stream.write_all(&numbers).and_then(|()| stream.write_all(&planes)).map_err(full)?;
+    let mut file = Vec::new();
+    section(&mut file, tag, &stream.finish().map_err(full)?);
+    Ok(file)
 }
 
 /// Adds a section to a file.
