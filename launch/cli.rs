@@ -82,7 +82,7 @@ pub enum Command {
     Up {
         /// Graph file (TOML); see `echogrid check` for every key.
         graph: PathBuf,
-        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, `lidar`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// Of a recording that is played (`--set replay.log=FILE`): this topic, in place of others of its type; may be repeated.
@@ -99,7 +99,7 @@ pub enum Command {
     Check {
         /// Graph file (TOML); none: the built-in graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, `lidar`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// Prints who reads what of whom, and in which order the services end, instead.
@@ -116,7 +116,7 @@ pub enum Command {
     Doctor {
         /// Graph file (TOML); none: the demo's graph.
         graph: Option<PathBuf>,
-        /// The sensor: `replay`, `simulator`, `pioneer`, or an executable of your own.
+        /// The sensor: `replay`, `simulator`, `pioneer`, `lidar`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
         /// Removes what dead graphs of this user left in shared memory.
@@ -362,7 +362,7 @@ pub enum Command {
     Janitor,
     /// Runs one service in a running graph, as the launcher starts it.
     Service {
-        /// replay, simulator, pioneer, odometry, slam, localizer, mapper, publisher, recorder or live.
+        /// replay, simulator, pioneer, lidar, odometry, slam, localizer, mapper, publisher, recorder or live.
         name: String,
         /// The domain of the running graph.
         #[arg(long, value_name = "NAME")]

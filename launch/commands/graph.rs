@@ -13,6 +13,7 @@ use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
 use echogrid_formats::map::{MapFiles, Provenance};
 use echogrid_formats::probe_file;
+use echogrid_lidar::Lidar;
 use echogrid_localizer::LocalizerService;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_pioneer::Pioneer;
@@ -88,6 +89,11 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // So is a parameter file that is none. The robot itself may yet have to be turned on.
     if config.drives_pioneer() {
         Pioneer::new(config.pioneer.clone(), None, Vec::new())?;
+    }
+    if config.reads_lidar() {
+        let robot = config.robot.as_ref();
+        let robot = robot.context("where does the lidar sit? A robot file says it: --robot FILE, with [lidar]")?;
+        Lidar::new(config.lidar.clone(), robot)?;
     }
     // So is what is wrong with the world, or the way through it.
     if config.simulates() {

@@ -30,6 +30,7 @@ pub(super) fn run(name: &str, domain: Option<String>, arguments: Vec<OsString>) 
         Builtin::Replay => echogrid_replay::main(),
         Builtin::Simulator => echogrid_simulator::main(),
         Builtin::Pioneer => echogrid_pioneer::main(),
+        Builtin::Lidar => echogrid_lidar::main(),
         Builtin::Odometry => echogrid_odometry::main(),
         Builtin::Slam => echogrid_slam_service::main(),
         Builtin::Localizer => echogrid_localizer::main(),

@@ -8,7 +8,7 @@ use echogrid_core::{Fix, Pose2};
 use echogrid_formats::map::MapFormat;
 use echogrid_recorder::Recorded;
 use echogrid_service::Plan;
-use echogrid_topics::{Command, Domain, Participant};
+use echogrid_topics::{Command, Domain, Participant, Topic};
 
 use crate::config::{self, ServiceKind};
 
@@ -92,8 +92,9 @@ pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64, seconds: Opt
     let Some(seconds) = seconds else { return Ok(()) };
     let (_, participant, config) = running(domain, "echogrid drive")?;
     let until = Instant::now() + Duration::from_secs_f64(seconds);
-    let is_sensor = |service: &&config::Service| service.kind == ServiceKind::Sensor;
-    let sensors: Vec<&String> = config.services.iter().filter(|(_, s)| is_sensor(s)).map(|(name, _)| name).collect();
+    let command = Command::Drive { v_mps, w_radps };
+    let drives = |service: &config::Service| is_told(service, ServiceKind::Sensor, command);
+    let sensors: Vec<&String> = config.services.iter().filter(|(_, s)| drives(s)).map(|(name, _)| name).collect();
     let tell = |v_mps, w_radps| -> Result<()> {
         for name in &sensors {
             let told =
@@ -112,10 +113,16 @@ pub(super) fn drive(domain: Option<&str>, v_mps: f64, w_radps: f64, seconds: Opt
     }
 }
 
+/// Whether a service is told what those of a kind are; only who says where the robot drives is told to drive.
+fn is_told(service: &config::Service, kind: ServiceKind, command: Command) -> bool {
+    let drives = || service.wiring.writes.iter().any(|topic| topic == Topic::OdometryRaw.name());
+    service.kind == kind && (!matches!(command, Command::Drive { .. }) || drives())
+}
+
 /// Tells all services of a kind to do something, and prints what they say.
 fn order(domain: Option<&str>, kind: ServiceKind, command: Command, within: Duration) -> Result<()> {
     let (_, participant, config) = running(domain, &format!("echogrid {}", command.word()))?;
-    for (name, _) in config.services.iter().filter(|(_, service)| service.kind == kind) {
+    for (name, _) in config.services.iter().filter(|(_, service)| is_told(service, kind, command)) {
         match echogrid_topics::control::order(&participant, name, command, within)? {
             Ok(done) => super::print(&format!("{name}: {done}\n"))?,
             Err(why) => bail!("{name}: {why}"),

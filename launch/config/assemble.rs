@@ -13,7 +13,7 @@ use super::reading::{Setting, dotted};
 use super::schema::TOPIC;
 use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, Speech, default_services};
 use super::suggest;
-use super::wiring::Written;
+use super::wiring::{Written, declared};
 
 /// Where each key was set.
 pub(crate) type Origins = BTreeMap<String, Origin>;
@@ -30,6 +30,7 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.replay = section("replay", &config.replay, settings)?;
     config.simulator = section("simulator", &config.simulator, settings)?;
     config.pioneer = section("pioneer", &config.pioneer, settings)?;
+    config.lidar = section("lidar", &config.lidar, settings)?;
     config.odometry = section("odometry", &config.odometry, settings)?;
     config.slam = section("slam", &config.slam, settings)?;
     config.localization = section("localization", &config.localization, settings)?;
@@ -191,9 +192,8 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
             }
         })?,
     };
-    if let (Exec::Builtin(_), Some(key)) = (&exec, draft.wiring.key()) {
+    if let Some((key, message)) = miswired(&draft, &exec) {
         let key = format!("services.{name}.{key}");
-        let message = format!("{exec} says itself what it reads and writes; this is for executables");
         return Err(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
     }
     if let Some((key, message)) = misspoken(&draft, kind, &exec) {
@@ -215,6 +215,22 @@ fn resolve(name: &str, draft: Draft, origins: &Origins) -> Result<Service, Probl
     Ok(Service { kind, exec, args: draft.args, env: draft.env, speaks, replays, wiring, care })
 }
 
+/// What is wrong with what a built-in, or a program that prints lines, is said to read and write, and the key that says it. A sensor
+/// may write a part of what it could: others write the rest.
+fn miswired(draft: &Draft, exec: &Exec) -> Option<(&'static str, String)> {
+    let declaration = declared(exec, draft.speaks)?;
+    let who = if draft.speaks.is_some() { "a program that prints lines".to_owned() } else { exec.to_string() };
+    let could: Vec<&str> = declaration.writes.iter().map(|topic| topic.name()).collect();
+    let is_sensor = could.contains(&Topic::RangeScan.name());
+    match (draft.wiring.key()?, &draft.wiring.writes) {
+        ("writes", Some(writes)) if is_sensor && !writes.is_empty() && draft.wiring.source.is_none() => {
+            let stray = writes.iter().find(|topic| !could.contains(&topic.as_str()))?;
+            Some(("writes", format!("{who} does not write {stray}; expected some of {}", could.join(", "))))
+        }
+        (key, _) => Some((key, format!("{who} says itself what it reads and writes; this is for executables"))),
+    }
+}
+
 /// What is wrong with what is said of a program that speaks, and the key that says it.
 fn misspoken(draft: &Draft, kind: ServiceKind, exec: &Exec) -> Option<(&'static str, String)> {
     match (draft.speaks, exec) {
@@ -225,11 +241,7 @@ fn misspoken(draft: &Draft, kind: ServiceKind, exec: &Exec) -> Option<(&'static 
         (Some(_), _) if kind != ServiceKind::Sensor => {
             Some(("speaks", format!("a program that prints lines is a sensor, the service is of kind {kind}")))
         }
-        (Some(_), _) => {
-            let message =
-                "a program that prints lines writes what its lines say; this is for executables that know topics";
-            draft.wiring.key().map(|key| (key, message.to_owned()))
-        }
+        (Some(_), _) => None,
     }
 }
 

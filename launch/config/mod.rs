@@ -38,6 +38,7 @@ use std::path::PathBuf;
 use echogrid_core::Robot;
 use echogrid_core::config::{MapperConfig, OdometryConfig, Start, StartWord};
 use echogrid_core::localization::{Ask, Choice, LocalizationConfig};
+use echogrid_lidar::LidarConfig;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_pioneer::PioneerConfig;
 use echogrid_publisher::config::PublisherConfig;
@@ -79,6 +80,8 @@ pub struct Config {
     pub simulator: SimulatorConfig,
     /// Where the robot of `builtin:pioneer` is.
     pub pioneer: PioneerConfig,
+    /// The lidar of `builtin:lidar`.
+    pub lidar: LidarConfig,
     /// The odometry error model.
     pub odometry: OdometryConfig,
     /// What `builtin:slam` does.
@@ -109,6 +112,7 @@ impl Default for Config {
             replay: ReplayConfig::default(),
             simulator: SimulatorConfig::default(),
             pioneer: PioneerConfig::default(),
+            lidar: LidarConfig::default(),
             odometry: OdometryConfig::default(),
             slam: SlamConfig::default(),
             localization: LocalizationConfig::default(),
@@ -185,6 +189,12 @@ impl Config {
     #[must_use]
     pub fn drives_pioneer(&self) -> bool {
         self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Pioneer))
+    }
+
+    /// Whether a lidar is read.
+    #[must_use]
+    pub fn reads_lidar(&self) -> bool {
+        self.services.values().any(|service| service.exec == Exec::Builtin(Builtin::Lidar))
     }
 
     /// Where the run is recorded, if it is.

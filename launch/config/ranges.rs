@@ -28,6 +28,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
     };
     add("simulator", refused(&config.simulator, |section| section.validate()));
     add("pioneer", refused(&config.pioneer, |section| section.validate()));
+    add("lidar", refused(&config.lidar, |section| section.validate()));
     add("odometry", refused(&config.odometry, |section| section.validate()));
     add("slam", refused(&config.slam, |section| section.validate()));
     add("localization", refused(&config.localization, |section| section.validate()));

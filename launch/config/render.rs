@@ -7,7 +7,7 @@ use toml::{Table, Value};
 
 use super::reading::dotted;
 use super::schema::{GRAPH, SERVICE, Section, TOPIC};
-use super::{Exec, Loaded, Wiring};
+use super::{Loaded, Wiring};
 
 /// Values up to this wide have their comments in one column.
 const VALUE_WIDTH: usize = 32;
@@ -42,9 +42,10 @@ fn services(out: &mut String, loaded: &Loaded) {
         let section = format!("{}.{name}", SERVICE.name);
         let _ = write!(out, "\n[{section}]\n");
         let mut table = services.and_then(|all| all.get(name)).and_then(Value::as_table).cloned().unwrap_or_default();
-        if matches!(service.exec, Exec::Builtin(_)) {
-            // It says itself what it reads and writes: no key for a graph file.
-            table.retain(|key, _| !Wiring::KEYS.contains(&key));
+        if let Some(declared) = service.declared() {
+            // It says itself what it reads and writes: no key for a graph file, unless a sensor writes a part of that.
+            let is_part = service.wiring.writes != declared.writes;
+            table.retain(|key, _| !Wiring::KEYS.contains(&key) || (is_part && key == "writes"));
         }
         keys(out, loaded, &SERVICE, &section, Some(&table));
     }

@@ -21,7 +21,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
         let of_service = service_problems(config, name, service, origins);
         of_service.into_iter().chain(wiring_problems(config, name, service, origins))
     });
-    let unasked = unasked.chain(two_recorders(config));
+    let unasked = unasked.chain(two_recorders(config)).chain(composed(config));
     counts.chain(unasked).chain(each).collect()
 }
 
@@ -32,6 +32,38 @@ fn two_recorders(config: &Config) -> Option<Problem> {
         config.services.iter().filter(|(_, service)| records(service)).map(|(name, _)| name.as_str()).collect();
     let message = format!("{} would write to the same file; expected one recorder", names.join(" and "));
     (names.len() > 1).then(|| Problem { origin: None, key: "services".to_owned(), value: None, message })
+}
+
+/// What is wrong with sensors that make up one: together they say what one says, each its part.
+fn composed(config: &Config) -> Vec<Problem> {
+    let sensors = || config.services.iter().filter(|(_, service)| service.kind == ServiceKind::Sensor);
+    let mut found = Vec::new();
+    let is_none = |service: &Service| matches!(service.exec, Exec::Builtin(builtin) if builtin.kind() != service.kind);
+    if sensors().any(|(_, service)| is_none(service)) {
+        // That is told, and the rest follows from it.
+        return found;
+    }
+    for topic in [Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan, Topic::TruePose] {
+        let writers: Vec<&str> = sensors()
+            .filter(|(_, service)| service.wiring.writes.iter().any(|name| name == topic.name()))
+            .map(|(name, _)| name.as_str())
+            .collect();
+        let message = match writers.as_slice() {
+            [] if topic != Topic::TruePose && sensors().next().is_some() => {
+                let who: Vec<&str> = sensors().map(|(name, _)| name.as_str()).collect();
+                format!("nobody writes {}: {} must, or another service of kind sensor", topic.name(), who.join(" or "))
+            }
+            [_, _, ..] => format!(
+                "{} all write {}, and a topic of a sensor has one writer: say what each writes, as in writes = [\"{}\"]",
+                writers.join(" and "),
+                topic.name(),
+                Topic::RangeScan.name()
+            ),
+            _ => continue,
+        };
+        found.push(Problem { origin: None, key: "services".to_owned(), value: None, message });
+    }
+    found
 }
 
 /// SLAM finds its own way, and takes no fix.
@@ -56,12 +88,12 @@ fn nobody_to_ask(config: &Config, origins: &Origins) -> Option<Problem> {
     Some(Problem { origin: Some(origin), key, value: None, message: message.to_owned() })
 }
 
-/// One sensor, one odometry, one mapper; a localizer or none; publishers as many as wanted, but one.
+/// One odometry, one mapper; a localizer or none; publishers and sensors as many as wanted, but one.
 fn count(config: &Config, kind: ServiceKind) -> Option<Problem> {
     let of_kind = config.services.iter().filter(|(_, service)| service.kind == kind);
     let names: Vec<&str> = of_kind.map(|(name, _)| name.as_str()).collect();
     let message = match (kind, names.len()) {
-        (_, 1) | (ServiceKind::Publisher, 2..) | (ServiceKind::Localizer, 0) => return None,
+        (_, 1) | (ServiceKind::Publisher | ServiceKind::Sensor, 2..) | (ServiceKind::Localizer, 0) => return None,
         (_, 0) => format!("the graph has no {kind}"),
         (_, n) => format!("the graph has {n} services of kind {kind} ({}), expected one", names.join(", ")),
     };

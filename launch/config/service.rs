@@ -154,6 +154,8 @@ pub enum Builtin {
     Simulator,
     /// Drives a Pioneer, or listens to one that is driven.
     Pioneer,
+    /// The scans of a lidar.
+    Lidar,
     /// Dead reckoning and its error.
     Odometry,
     /// Poses that are corrected where a lidar sees the same again.
@@ -174,7 +176,7 @@ impl Builtin {
     /// Whether what it gives is what is now: nobody can ask it to wait, or to give it again.
     #[must_use]
     pub fn is_live(self) -> bool {
-        self == Self::Pioneer
+        matches!(self, Self::Pioneer | Self::Lidar)
     }
 
     /// Whether the graph loses nothing but it when it is gone: then it goes on without, unless its file says otherwise.
@@ -184,10 +186,11 @@ impl Builtin {
     }
 
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Replay,
         Self::Simulator,
         Self::Pioneer,
+        Self::Lidar,
         Self::Odometry,
         Self::Slam,
         Self::Localizer,
@@ -204,6 +207,7 @@ impl Builtin {
             Self::Replay => "replay",
             Self::Simulator => "simulator",
             Self::Pioneer => "pioneer",
+            Self::Lidar => "lidar",
             Self::Odometry => "odometry",
             Self::Slam => "slam",
             Self::Localizer => "localizer",
@@ -218,7 +222,7 @@ impl Builtin {
     #[must_use]
     pub fn kind(self) -> ServiceKind {
         match self {
-            Self::Replay | Self::Simulator | Self::Pioneer => ServiceKind::Sensor,
+            Self::Replay | Self::Simulator | Self::Pioneer | Self::Lidar => ServiceKind::Sensor,
             Self::Odometry | Self::Slam => ServiceKind::Odometry,
             Self::Localizer => ServiceKind::Localizer,
             Self::Mapper => ServiceKind::Mapper,
@@ -240,7 +244,7 @@ impl TryFrom<String> for Exec {
     fn try_from(text: String) -> Result<Self, NotA> {
         match text.strip_prefix(BUILTIN_PREFIX) {
             Some(name) => Builtin::from_name(name).map(Self::Builtin).ok_or(NotA(
-                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:odometry, builtin:slam, builtin:localizer, builtin:mapper, \
+                "builtin:replay, builtin:simulator, builtin:pioneer, builtin:lidar, builtin:odometry, builtin:slam, builtin:localizer, builtin:mapper, \
                  builtin:publisher, builtin:recorder or builtin:live",
             )),
             None if text.is_empty() => Err(NotA("a path or builtin:NAME")),

@@ -82,7 +82,7 @@ fn bad_graph_files() {
     check(
         "[sonar]",
         &[
-            "sonar: unknown key; known are run, replay, simulator, pioneer, odometry, slam, localization, localizer, mapper, publisher, recorder, supervision, services, topics",
+            "sonar: unknown key; known are run, replay, simulator, pioneer, lidar, odometry, slam, localization, localizer, mapper, publisher, recorder, supervision, services, topics",
         ],
     );
     check("[robot]", &["a robot is named by `run.robot`"]);
@@ -123,8 +123,8 @@ fn bad_graph_files() {
         &["g.toml:3: services.sensor.replays: this is of programs that print lines; expected `speaks`, too"],
     );
     check(
-        &sensor("speaks = \"carmen\"\nwrites = [\"range/scan\"]"),
-        &["g.toml:4: services.sensor.writes: a program that prints lines writes what its lines say"],
+        &sensor("speaks = \"carmen\"\nwrites = [\"map/tiles\"]"),
+        &["g.toml:4: services.sensor.writes: a program that prints lines does not write map/tiles; expected some of"],
     );
     check(
         "[services.mapper]\nexec = \"/bin/cat\"\nspeaks = \"carmen\"",

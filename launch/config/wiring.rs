@@ -4,7 +4,7 @@ use echogrid_service::Declaration;
 use echogrid_topics::Topic;
 use serde::{Deserialize, Serialize};
 
-use super::service::{Builtin, Exec, ServiceKind, Speech};
+use super::service::{Builtin, Exec, Service, ServiceKind, Speech};
 
 /// What a service reads and writes, by the names of the topics.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -43,11 +43,7 @@ impl Written {
 
     /// With what is not said as the role has it. Who says of an input whether it is waited for says it of all.
     pub(super) fn resolve(self, kind: ServiceKind, exec: &Exec, speaks: Option<Speech>) -> Wiring {
-        let role = match (exec, speaks) {
-            (Exec::Builtin(builtin), _) => Wiring::from(builtin.declaration()),
-            (Exec::Path(_), Some(Speech::Carmen)) => echogrid_lines::DECLARATION.into(),
-            (Exec::Path(_), None) => kind.wiring(),
-        };
+        let role = declared(exec, speaks).map_or_else(|| kind.wiring(), Wiring::from);
         let says_inputs = self.reads.is_some() || self.looks_on.is_some();
         let input = |said: Option<Vec<String>>, role| if says_inputs { said.unwrap_or_default() } else { role };
         let is_sensor = kind == ServiceKind::Sensor;
@@ -68,6 +64,22 @@ impl From<Declaration> for Wiring {
     }
 }
 
+impl Service {
+    /// What it says itself that it reads and writes; none: its graph file does.
+    pub(super) fn declared(&self) -> Option<Wiring> {
+        declared(&self.exec, self.speaks).map(Wiring::from)
+    }
+}
+
+/// What a service of this executable says itself that it reads and writes.
+pub(super) fn declared(exec: &Exec, speaks: Option<Speech>) -> Option<Declaration> {
+    match (exec, speaks) {
+        (Exec::Builtin(builtin), _) => Some(builtin.declaration()),
+        (Exec::Path(_), Some(Speech::Carmen)) => Some(echogrid_lines::DECLARATION),
+        (Exec::Path(_), None) => None,
+    }
+}
+
 impl Builtin {
     /// What it declares of itself.
     #[must_use]
@@ -76,6 +88,7 @@ impl Builtin {
             Self::Replay => echogrid_replay::DECLARATION,
             Self::Simulator => echogrid_simulator::DECLARATION,
             Self::Pioneer => echogrid_pioneer::DECLARATION,
+            Self::Lidar => echogrid_lidar::DECLARATION,
             Self::Odometry => echogrid_odometry::DECLARATION,
             Self::Slam => echogrid_slam_service::DECLARATION,
             Self::Localizer => echogrid_localizer::DECLARATION,

@@ -16,6 +16,7 @@ mod frames;
 mod harness;
 mod kills;
 mod languages;
+mod lidar;
 mod live;
 mod localization;
 mod log;

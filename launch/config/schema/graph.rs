@@ -12,7 +12,7 @@ use super::super::supervision::SupervisionConfig;
 use super::super::wiring::Wiring;
 use super::localizing::{LOCALIZATION, LOCALIZER, ODOMETRY, SLAM};
 use super::mapping::{MAPPER, PUBLISHER, RECORDER};
-use super::sensing::{PIONEER, REPLAY, SIMULATOR};
+use super::sensing::{LIDAR, PIONEER, REPLAY, SIMULATOR};
 use super::{Section, Text, defaults, key, number, probe, text, words};
 
 /// All tables of a graph file but `[services]`.
@@ -21,6 +21,7 @@ pub(crate) static GRAPH: &[&Section] = &[
     &REPLAY,
     &SIMULATOR,
     &PIONEER,
+    &LIDAR,
     &ODOMETRY,
     &SLAM,
     &LOCALIZATION,

@@ -1,6 +1,7 @@
-//! `[replay]`, `[pioneer]`, `[simulator]`: where readings come from.
+//! `[replay]`, `[pioneer]`, `[lidar]`, `[simulator]`: where readings come from.
 
 use super::{Section, Text, defaults, key, number, probe, text, words};
+use echogrid_lidar::LidarConfig;
 use echogrid_pioneer::PioneerConfig;
 use echogrid_replay::config::ReplayConfig;
 use echogrid_simulator::SimulatorConfig;
@@ -82,6 +83,29 @@ pub(crate) static PIONEER: Section = Section {
     ],
     probe: probe::<PioneerConfig>,
     defaults: defaults::<PioneerConfig>,
+};
+
+pub(crate) static LIDAR: Section = Section {
+    name: "lidar",
+    about: "the lidar that builtin:lidar reads",
+    keys: &[
+        words("model", &["ld19", "ld06", "rplidar_a1"], "one of ld19, ld06, rplidar_a1", "which protocol it speaks"),
+        text(
+            "port",
+            Text::Plain,
+            "a serial device, or tcp:HOST:PORT",
+            "where it is: a serial device, or tcp:HOST:PORT",
+        ),
+        key("baud", "a whole number from 0 to 4000000", "bits per second of the serial line; 0: as the model has it"),
+        number(
+            "silence_s",
+            "a number of seconds from 0.3 to 60",
+            0.3..=60.0,
+            "seconds without a beam after which its line is opened anew",
+        ),
+    ],
+    probe: probe::<LidarConfig>,
+    defaults: defaults::<LidarConfig>,
 };
 
 pub(crate) static SIMULATOR: Section = Section {

@@ -3,7 +3,7 @@
 use core::time::Duration;
 use std::collections::VecDeque;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use echogrid_core::Robot;
 use echogrid_formats::log::LogEvent;
 use echogrid_formats::log::carmen::{LineStream, RangeUnit};
@@ -57,7 +57,12 @@ impl Lines {
     pub fn from_plan(plan: &Plan, replays: bool, binder: &Binder, called: &Called) -> Result<Self> {
         let robot = plan.config.contains_key("robot").then(|| plan.section("robot")).transpose()?;
         let name = std::env::var(SERVICE_VARIABLE).unwrap_or_else(|_| "sensor".to_owned());
-        Self::start(&name, replays, robot, binder, called)
+        let mut lines = Self::start(&name, replays, robot.clone(), binder, called)?;
+        if !plan.writes(&name, Topic::RangeScan) {
+            let robot = robot.context("its lines say nothing of sensors here: run.robot must name the robot's file")?;
+            lines.stream = LineStream::of_odometry(&name, robot);
+        }
+        Ok(lines)
     }
 
     /// Reads on, and waits a little where there is nothing to read.

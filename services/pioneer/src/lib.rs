@@ -2,7 +2,7 @@
 //!
 //! The robot speaks ARCOS over a serial line or TCP ([`echogrid_arcos`]). A [`Session`] opens the conversation, keeps it up and closes
 //! it; it does no I/O and reads no clock, so every fault of a line can be tried in a test. [`Reports`] turns what the robot tells into
-//! odometry and rings of readings, [`Pioneer`] joins both to a [`Link`] and finds the robot again when its cable was pulled.
+//! odometry and rings of readings, [`Pioneer`] joins both to a [`Link`](echogrid_line::Link) and finds the robot again when its cable was pulled.
 //! [`emulator`] is the other side: any sensor of the graph behind the door of a Pioneer.
 //!
 //! Motors stay off unless the configuration turns them on, and a command to drive counts for a moment only
@@ -10,7 +10,6 @@
 
 mod config;
 pub mod emulator;
-mod link;
 mod models;
 mod pioneer;
 mod reports;
@@ -22,7 +21,7 @@ use echogrid_service::{Declaration, process};
 use echogrid_topics::Topic;
 
 pub use config::PioneerConfig;
-pub use link::{Address, Link};
+pub use echogrid_line::{Address, Link};
 pub use models::{model_of, robot_of};
 pub use pioneer::Pioneer;
 pub use reports::Reports;

@@ -8,11 +8,11 @@ use std::time::Instant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use echogrid_arcos::{Baud, Command, Configuration, Identity, Parameters, Sip};
 use echogrid_core::Robot;
+use echogrid_line::{Address, Link};
 use echogrid_service::{Plan, Sensor};
 use echogrid_topics::{Command as Order, Message, Topic};
 
 use crate::config::PioneerConfig;
-use crate::link::{Address, Link};
 use crate::models::{model_of, parameters_of, robot_of};
 use crate::reports::Reports;
 use crate::session::{Event, Out, Session, SessionSettings};

@@ -74,6 +74,14 @@ impl Plan {
         section.clone().try_into().with_context(|| format!("in section [{name}] of the plan"))
     }
 
+    /// Whether a service writes a topic that it could write: where several are the sensor, each writes its part.
+    #[must_use]
+    pub fn writes(&self, service: &str, topic: Topic) -> bool {
+        let of_service = self.config.get("services").and_then(|services| services.get(service));
+        let said = of_service.and_then(|service| service.get("writes")).and_then(toml::Value::as_array);
+        said.is_none_or(|said| said.iter().any(|name| name.as_str() == Some(topic.name())))
+    }
+
     /// Whom the producer of `topic` waits for.
     #[must_use]
     pub fn consumers_of(&self, topic: Topic) -> &[String] {

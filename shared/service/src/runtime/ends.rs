@@ -59,6 +59,7 @@ impl Runtime {
         let read = |topic: &Topic| Ok((Port::open(&participant, *topic)?, topic.qos(plan.max_readings).window));
         let inputs = inputs.iter().map(read).collect::<Result<_, TopicError>>()?;
         let ear = Port::open(&participant, Topic::Health)?;
+        let outputs: Vec<Topic> = outputs.iter().copied().filter(|topic| plan.writes(&name, *topic)).collect();
         let keeps_generations = outputs.iter().any(|topic| topic.resumes());
         let outputs = outputs.iter().map(|topic| open(*topic)).collect::<Result<_, TopicError>>()?;
         // A service that joins a running graph by hand is not one that the launcher knows.

@@ -68,6 +68,12 @@ impl Runtime {
         self.vitals.host.now()
     }
 
+    /// Whether the service writes this topic in this graph.
+    #[must_use]
+    pub fn writes(&self, topic: Topic) -> bool {
+        self.ports.sink(topic).is_some()
+    }
+
     /// How many messages there will be in all.
     pub fn set_total(&mut self, total: u64) {
         self.vitals.total = total;

@@ -129,6 +129,13 @@ impl LineStream {
         }
     }
 
+    /// Lines that say where a robot drives, which is known; who hears what, another says.
+    #[must_use]
+    pub fn of_odometry(name: impl AsRef<Path>, robot: Robot) -> Self {
+        let known = Some(robot);
+        Self { learning: None, robot: known.clone(), ..Self::new(name, RangeUnit::Metres, known) }
+    }
+
     /// The robot, once it is known.
     #[must_use]
     pub fn robot(&self) -> Option<&Robot> {

@@ -146,3 +146,20 @@ proptest! {
         }
     }
 }
+
+/// Where another says what is heard, the robot is known before the first line.
+#[test]
+fn lines_of_odometry_alone_are_enough_where_the_robot_is_told() {
+    let (_, whole) = events(&format!("{MAX}{}", drive(3)), None).unwrap();
+    let mut stream = LineStream::of_odometry("base", whole.robot().unwrap().clone());
+    stream
+        .push(PrintedLine { number: 1, bytes: Some(b"ODOM 1 2 0 0.2 0 0 5.5 host 0".into()), arrived_ns: None })
+        .unwrap();
+    assert!(matches!(stream.pop(), Some(LogEvent::Odometry { stamp_ns: 5_500_000_000, .. })));
+    stream
+        .push(PrintedLine { number: 2, bytes: Some(b"SONAR 0.5 1 1.5 0.2 0 0 5.6 host 0".into()), arrived_ns: None })
+        .unwrap();
+    assert_eq!(stream.pop(), None);
+    stream.finish().unwrap();
+    assert_eq!(stream.robot(), whole.robot());
+}

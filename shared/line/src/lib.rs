@@ -1,4 +1,4 @@
-//! The line to a robot: a serial device or TCP.
+//! A line to what measures: a serial device or TCP. What is said over it is up to others.
 
 use std::collections::BTreeSet;
 use std::io::{self, ErrorKind, Read, Write};
@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serial2::SerialPort;
 
-/// Where a robot is.
+/// Where the other side is.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial device.
@@ -19,7 +19,7 @@ pub enum Address {
 
 /// A look at the line takes no longer than this.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// A robot that takes nothing for so long does not listen.
+/// Who takes nothing for so long does not listen.
 const WRITTEN_WITHIN: Duration = Duration::from_millis(500);
 const CONNECTED_WITHIN: Duration = Duration::from_millis(500);
 
@@ -38,7 +38,8 @@ impl Address {
     }
 
     /// Devices that the same adapter would get for want of this one: those of its kind.
-    pub(crate) fn relatives(&self) -> BTreeSet<PathBuf> {
+    #[must_use]
+    pub fn relatives(&self) -> BTreeSet<PathBuf> {
         let Self::Device(path) = self else { return BTreeSet::new() };
         let (Some(folder), Some(name)) = (path.parent(), path.file_name().and_then(|name| name.to_str())) else {
             return BTreeSet::new();
@@ -146,6 +147,14 @@ impl Link {
         let mut settings = port.get_configuration()?;
         settings.set_baud_rate(bits_per_s)?;
         port.set_configuration(&settings)
+    }
+
+    /// Sets the wire "data terminal ready", which adapters of some lidars stop the motor by; where there is none, nothing happens.
+    pub fn set_terminal_ready(&mut self, is_ready: bool) {
+        if let Self::Serial(port) = self {
+            // A pseudo-terminal has no wires.
+            let _ = port.set_dtr(is_ready);
+        }
     }
 
     /// Whether it has a speed.
