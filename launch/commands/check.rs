@@ -7,7 +7,7 @@ use echogrid_topics::Delivery;
 
 use crate::cli::Files;
 use crate::config::{Config, Exec, LoadRequest, json_schema_of_graphs, json_schema_of_robots, render};
-use crate::supervisor::{consumers, onlookers, places};
+use echogrid_supervision::{consumers, onlookers, places};
 
 /// Prints the effective configuration, or the map of the graph.
 pub(super) fn run(request: &LoadRequest, map: bool) -> Result<()> {

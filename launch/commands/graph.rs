@@ -245,7 +245,7 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         epoch: new_epoch(),
         state: None,
         synced: false,
-        consumers: supervisor::consumers(&config.services),
+        consumers: echogrid_supervision::consumers(&config.services),
         config: table,
     })
 }

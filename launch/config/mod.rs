@@ -26,7 +26,6 @@ mod schema;
 mod service;
 mod source;
 pub(crate) mod suggest;
-mod supervision;
 #[cfg(test)]
 mod tests;
 mod value;
@@ -49,6 +48,8 @@ use echogrid_slam::SlamConfig;
 use echogrid_topics::{DeclaredTopic, Delivery, Topic};
 use serde::{Deserialize, Serialize};
 
+pub use echogrid_supervision::Wiring;
+pub use echogrid_supervision::config::{Restart, Strategy, SupervisionConfig};
 pub use interval::Interval;
 pub use load::{Loaded, parse_graph};
 pub use problem::{ConfigError, Origin, Problem};
@@ -61,8 +62,6 @@ pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
 pub(crate) use schema::{json_schema_of_graphs, json_schema_of_robots};
 pub use service::{Builtin, Care, Exec, Service, ServiceKind, Speech, default_services};
-pub use supervision::{Restart, Strategy, SupervisionConfig};
-pub use wiring::Wiring;
 
 /// The effective configuration: validated, every default filled in, every path absolute.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -5,10 +5,10 @@ use echogrid_topics::Topic;
 use echogrid_topics::contract::MAX_ACKS;
 
 use super::Config;
+use super::Wiring;
 use super::assemble::Origins;
 use super::problem::Problem;
 use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind};
-use super::wiring::Wiring;
 
 /// Variables by which a service finds its graph.
 const LAUNCHERS_OWN: [&str; 4] = ["ECHOGRID_DOMAIN", "ECHOGRID_SERVICE", "ECHOGRID_LIFELINE", "ECHOGRID_GONE"];

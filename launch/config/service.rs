@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::run::NotA;
-use super::supervision::Restart;
-use super::wiring::{Wiring, Written};
+use super::wiring::Written;
+use super::{Restart, Wiring};
 
 /// One process of the graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,6 +35,12 @@ pub struct Service {
     /// What happens when it dies, and what it may use.
     #[serde(flatten)]
     pub care: Care,
+}
+
+impl AsRef<Wiring> for Service {
+    fn as_ref(&self) -> &Wiring {
+        &self.wiring
+    }
 }
 
 /// What a program prints on its standard output.

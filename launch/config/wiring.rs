@@ -1,29 +1,9 @@
 //! What each service reads and writes: as it declares, as the graph file says, or as its role does.
 
 use echogrid_service::Declaration;
-use echogrid_topics::Topic;
-use serde::{Deserialize, Serialize};
+use echogrid_supervision::Wiring;
 
 use super::service::{Builtin, Exec, Service, ServiceKind, Speech};
-
-/// What a service reads and writes, by the names of the topics.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Wiring {
-    /// Topics whose producers wait for it.
-    pub reads: Vec<String>,
-    /// Topics that it takes what comes of; nobody waits for it there.
-    pub looks_on: Vec<String>,
-    /// Topics that it writes.
-    pub writes: Vec<String>,
-    /// Whether streams begin with it: it is asked first when the graph is to end, and waits for nobody.
-    pub source: bool,
-}
-
-impl Wiring {
-    /// Its keys in a graph file.
-    pub(super) const KEYS: [&str; 4] = ["reads", "looks_on", "writes", "source"];
-}
 
 /// What a graph file says of it.
 #[derive(Debug, Clone, Default)]
@@ -54,13 +34,6 @@ impl Written {
             source: self.source.unwrap_or(is_sensor),
             reads,
         }
-    }
-}
-
-impl From<Declaration> for Wiring {
-    fn from(Declaration { reads, looks_on, writes, .. }: Declaration) -> Self {
-        let names = |topics: &[Topic]| topics.iter().map(|topic| topic.name().to_owned()).collect();
-        Self { reads: names(reads), looks_on: names(looks_on), writes: names(writes), source: false }
     }
 }
 

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Result, bail};
 use echogrid_service::Plan;
+use echogrid_supervision::Event;
 use echogrid_topics::{DeclaredTopic, Domain, Health, MapInfo, TrueWorld};
 
 use crate::config::{Service, SupervisionConfig};
@@ -41,62 +42,6 @@ pub struct Progress<'a> {
     pub ready: (usize, usize),
     /// The services that are still there when the sensor has no more to give, farthest downstream first.
     pub finishing: Vec<&'a str>,
-}
-
-/// Something that happens once.
-#[derive(Debug)]
-pub enum Event<'a> {
-    /// A process was started.
-    Started {
-        /// The service.
-        name: &'a str,
-        /// Its process.
-        pid: u32,
-    },
-    /// Every service is ready.
-    Ready,
-    /// A process is gone.
-    Ended {
-        /// The service.
-        name: &'a str,
-        /// How, for people.
-        how: String,
-    },
-    /// It will be started again.
-    Restarting {
-        /// The service.
-        name: &'a str,
-        /// Why, for people.
-        why: &'a str,
-        /// How often it was within the window, this time included.
-        number: u32,
-        /// How soon.
-        after: Duration,
-    },
-    /// The user has the graph end.
-    Stopping {
-        /// The signal that said so.
-        signal: &'static str,
-    },
-    /// Something of a service that is no fault, and good to know.
-    Note {
-        /// The service.
-        name: &'a str,
-        /// What, for people.
-        what: String,
-    },
-    /// It will not, and the others go on.
-    GivenUp {
-        /// The service.
-        name: &'a str,
-        /// Why, for people.
-        why: &'a str,
-    },
-    /// The shared memory of the graph is made anew, and all its processes.
-    Rebuilt {
-        /// Why, for people.
-        why: &'a str,
-    },
 }
 
 /// What people see of a run while it lasts.

@@ -39,9 +39,9 @@ fn named(name: &str) -> Result<Topic> {
 /// Who writes and who reads each topic, by the roles in the graph.
 fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
     let (_, _, config) = talk::running(domain, "echogrid topic")?;
-    let readers = crate::supervisor::consumers(&config.services);
-    let writers = crate::supervisor::writers(&config.services);
-    let onlookers = crate::supervisor::onlookers(&config.services);
+    let readers = echogrid_supervision::consumers(&config.services);
+    let writers = echogrid_supervision::writers(&config.services);
+    let onlookers = echogrid_supervision::onlookers(&config.services);
     let topics = config.topic_names().map(|topic| {
         let of = |names: &BTreeMap<String, Vec<String>>| names.get(topic).cloned().unwrap_or_default();
         let readers = [of(&readers), of(&onlookers)].concat();

@@ -3,6 +3,7 @@
 //! The loops wait in one place, [`Runtime::attend`]. In a process that blocks, and the whole is one call; who plays several
 //! processes in one thread holds each where it waits, and goes on with another.
 
+use std::io::{self, ErrorKind};
 use std::time::Duration;
 
 use anyhow::Result;
@@ -37,6 +38,22 @@ impl core::fmt::Display for InVain {
 fn judged(error: anyhow::Error) -> anyhow::Error {
     let is_outside = error.chain().any(|cause| cause.is::<std::io::Error>());
     if is_outside { error } else { error.context(InVain) }
+}
+
+/// What the system refuses as long as nobody makes room or gives leave: each life would be refused the same, at the end.
+fn judged_last(error: anyhow::Error) -> anyhow::Error {
+    let is_refusal = |error: &io::Error| {
+        matches!(
+            error.kind(),
+            ErrorKind::StorageFull
+                | ErrorKind::QuotaExceeded
+                | ErrorKind::FileTooLarge
+                | ErrorKind::PermissionDenied
+                | ErrorKind::ReadOnlyFilesystem
+        )
+    };
+    let is_refused = error.chain().filter_map(|cause| cause.downcast_ref()).any(is_refusal);
+    if is_refused { error.context(InVain) } else { judged(error) }
 }
 
 /// The life of a service: goes on where an earlier one was, steps until its inputs end, drains its outputs, leaves.
@@ -81,7 +98,7 @@ pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     tracing::debug!(asked = runtime.stop().is_some(), "finishes");
     catch_up(runtime, service, &mut out).await?;
     let ended = runtime.inputs_ended(|topic| service.outlives(topic));
-    service.step(Input::Finish, &mut out).map_err(judged)?;
+    service.step(Input::Finish, &mut out).map_err(judged_last)?;
     drain(runtime, &mut out, ended, |runtime, out| runtime.welcome_newcomers(service, out)).await
 }
 

@@ -17,17 +17,20 @@ pub enum Mutant {
     ForgetsEnd,
     /// A state counts as stored though what had been written by then is not stored downstream.
     TrustsDownstream,
+    /// Of a run that failed and can be resumed, those upstream are told that the service that was given up is gone for good.
+    ForgetsTheGivenUp,
 }
 
 impl Mutant {
     /// Every fault, with its name on the command line.
-    pub const ALL: [(Self, &str); 6] = [
+    pub const ALL: [(Self, &str); 7] = [
         (Self::EndOvertakes, "end-overtakes"),
         (Self::SignalStops, "signal-stops"),
         (Self::StaleStores, "stale-stores"),
         (Self::AcknowledgesEarly, "acknowledges-early"),
         (Self::ForgetsEnd, "forgets-end"),
         (Self::TrustsDownstream, "trusts-downstream"),
+        (Self::ForgetsTheGivenUp, "forgets-the-given-up"),
     ];
 
     /// Whether the fault is there.

@@ -75,18 +75,24 @@ fn start(
     match body(&mut runtime) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            let code = match failure.downcast_ref::<Terminated>() {
-                // As a shell has it.
-                Some(Terminated(caught)) => ExitCode::from(128 + caught.signal as i32 as u8),
-                None if failure.is::<InVain>() => ExitCode::from(IN_VAIN),
-                None => ExitCode::FAILURE,
-            };
+            let code = exit_code(&failure);
             let error = in_words(&failure);
             // The launcher hears of it and says so; by hand nobody else does.
             if !runtime.fail(&error) {
                 tracing::error!("{name}: {error}");
             }
-            code
+            ExitCode::from(code)
         }
+    }
+}
+
+/// What a service leaves with that failed so.
+#[must_use]
+pub fn exit_code(failure: &anyhow::Error) -> u8 {
+    match failure.downcast_ref::<Terminated>() {
+        // As a shell has it.
+        Some(Terminated(caught)) => 128 + caught.signal as i32 as u8,
+        None if failure.is::<InVain>() => IN_VAIN,
+        None => 1,
     }
 }

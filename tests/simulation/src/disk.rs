@@ -37,6 +37,8 @@ pub(crate) struct Disk {
     removed_run_file: Option<RunFile>,
     /// The map that lies in the folder of output.
     pub(crate) map: Option<Vec<u8>>,
+    /// How often one was saved.
+    pub(crate) saves: u32,
     /// No room until then.
     pub(crate) full_until: Duration,
 }
@@ -150,6 +152,7 @@ impl Saver for SimulatedFolder {
             return Err(refuse(full()));
         }
         world.disk.map = Some(bytes(map));
+        world.disk.saves += 1;
         if !world.lives(self.process) {
             return Err(refuse(io::ErrorKind::Interrupted.into()));
         }

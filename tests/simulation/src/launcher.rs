@@ -1,152 +1,158 @@
-//! The launcher of a simulated run: it starts what died again, and tidies up when all is done.
+//! The launcher of a simulated run: the real one's decisions (`echogrid_supervision`), carried out on processes that are played.
 //!
-//! What it does follows `launch/supervisor`: what counts as done, who is told that somebody left, when the spool is removed.
+//! What it does around them follows `launch/supervisor` and `launch/commands/spool.rs`: in which order it looks, when what the
+//! dead left is cleaned up, when the spool is removed.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
-use echogrid_service::host::Told;
 use echogrid_service::mutants::Mutant;
+use echogrid_supervision::config::{Restart, SupervisionConfig};
+use echogrid_supervision::{Clock, Event, Role, Settings, Supervision, Unit, Wiring};
 use echogrid_topics::memory::Bus;
 use echogrid_topics::{Health, Input, MapInfo, Message, Output, Received, ServiceState, Topic};
 
 use crate::disk::RunFile;
 use crate::drive::Drive;
-use crate::process::{self, Life, Start, believes_exit_codes};
+use crate::process::{self, Life, SimulatedProcess, Start};
 use crate::world::Shared;
 
-const BACKOFF: Duration = Duration::from_millis(200);
+/// It looks this often, whatever happens.
 const LOOKS_EVERY: Duration = Duration::from_millis(100);
-
-/// Where a service is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stage {
-    Waiting(Duration),
-    Alive(u32),
-    Done,
-}
-
-#[derive(Debug)]
-pub(crate) struct Unit {
-    pub(crate) name: &'static str,
-    pub(crate) stage: Stage,
-    pub(crate) health: Option<Health>,
-    asked: bool,
-    restarts: u32,
-}
-
-/// How a process ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) enum Exit {
-    Success,
-    Failure,
-}
+/// What the dead left is cleaned up by then.
+const CLEANS_WITHIN: Duration = Duration::from_millis(20);
+/// As `run.alive_within_s` and `supervision.ready_within_s` have it.
+const HANGS_AFTER: Duration = Duration::from_secs(30);
 
 /// A life of the launcher.
 pub(crate) struct Launcher {
     pub(crate) process: u32,
     pub(crate) run: u64,
     pub(crate) drive: Drive,
-    pub(crate) units: Vec<Unit>,
+    pub(crate) services: Supervision<SimulatedProcess>,
     pub(crate) info: Option<MapInfo>,
     ear: Input,
     map_info: Input,
     word: Output,
-    /// Somebody died whose leftovers are still there.
+    clock: Clock,
+    /// When the helper is done that cleans up after the dead; none: none is at work.
     clean_at: Option<Duration>,
-    pub(crate) looks_at: Duration,
+    looks_at: Duration,
+    /// The user has it end the run.
     pub(crate) wants_stop: bool,
-    pub(crate) is_stopping: bool,
-    /// Messages that the sensor had given when it ended.
-    pub(crate) given: Option<u64>,
+    /// It did so when the sensor was not there to end its streams.
+    pub(crate) stopped_early: bool,
+    /// Somebody was taken for hanging, and how that was known.
+    pub(crate) blamed: Option<String>,
 }
 
 impl Launcher {
-    pub(crate) fn new(world: &Shared, bus: &Bus, process: u32, drive: Drive, run: u64) -> Self {
-        let now = world.borrow().now;
-        let names = std::iter::once("sensor").chain(drive.services().iter().copied());
-        let unit = |name| Unit { name, stage: Stage::Waiting(now), health: None, asked: false, restarts: 0 };
-        Self {
+    pub(crate) fn new(
+        world: &Shared,
+        bus: &Bus,
+        process: u32,
+        drive: Drive,
+        run: u64,
+        config: &SupervisionConfig,
+    ) -> Result<Self> {
+        let (now, time) = (world.borrow().now, world.borrow().time());
+        Ok(Self {
             process,
             run,
             drive,
-            units: names.map(unit).collect(),
+            services: Supervision::new(&roles(drive)?, settings(drive, run, config)?, time),
             info: None,
             ear: process::input(bus, process, Topic::Health),
             map_info: process::input(bus, process, Topic::MapInfo),
             word: process::output(bus, process, Topic::Health, run, &[]),
+            clock: Clock::new(time),
             clean_at: None,
             looks_at: now,
             wants_stop: false,
-            is_stopping: false,
-            given: None,
-        }
+            stopped_early: false,
+            blamed: None,
+        })
     }
 
-    /// One look at everything: hears, and starts who is due.
+    /// One look at everything, as the real one's.
     ///
     /// # Errors
     /// It died.
     pub(crate) fn turn(&mut self, world: &Shared, bus: &Bus, lives: &mut Vec<Life>, next: &mut u32) -> Result<()> {
-        self.hear()?;
         let now = world.borrow().now;
         self.looks_at = now + LOOKS_EVERY;
-        if self.clean_at.is_some_and(|at| at <= now) {
-            self.clean_at = None;
-            bus.clean();
+        self.services.is_now(self.clock.look(world.borrow().time()));
+        if self.wants_stop && !self.services.stopped {
+            self.stopped_early = !self.services.units.iter().filter(|unit| unit.is_source()).all(Unit::is_ready);
+            self.services.stop();
         }
-        let gone: Vec<String> =
-            self.units.iter().filter(|unit| unit.stage == Stage::Done).map(|unit| unit.name.to_owned()).collect();
-        for index in 0..self.units.len() {
-            let unit = &mut self.units[index];
-            if !matches!(unit.stage, Stage::Waiting(due) if due <= now && self.clean_at.is_none()) {
-                continue;
+        self.hear()?;
+        self.services.has_become_ready();
+        let dead = self.services.reap()?;
+        if !dead.is_empty() {
+            // Their last words may still be on their way: whoever waits hears them.
+            while bus.has_mail(self.process) {
+                self.hear()?;
             }
+        }
+        let blamed = &mut self.blamed;
+        let mut tell = |event: &Event<'_>| {
+            if let Event::Ended { name, how } = event
+                && how.contains("hangs")
+            {
+                *blamed = Some(format!("{name}: {how}"));
+            }
+        };
+        self.services.bury(&dead, &mut tell);
+        self.services.look(&mut tell);
+        bury_the_killed(world, bus, lives);
+        self.clean_up(bus, now);
+        ensure!(!std::mem::take(&mut self.services.is_broken), "shared memory is never broken here");
+        self.tell_who_is_gone()?;
+        self.start_who_is_due(world, bus, lives, next)
+    }
+
+    fn clean_up(&mut self, bus: &Bus, now: Duration) {
+        match self.clean_at {
+            Some(at) if now < at => return,
+            Some(_) => bus.clean(),
+            None => {}
+        }
+        let is_anybody_due = self.services.next_due().is_some();
+        let is_unclean = std::mem::take(&mut self.services.is_unclean) && is_anybody_due;
+        self.clean_at = is_unclean.then_some(now + CLEANS_WITHIN);
+    }
+
+    fn start_who_is_due(&mut self, world: &Shared, bus: &Bus, lives: &mut Vec<Life>, next: &mut u32) -> Result<()> {
+        if self.clean_at.is_some() || self.services.is_unclean {
+            return Ok(());
+        }
+        let gone: Vec<String> = self.services.gone().map(str::to_owned).collect();
+        for unit in self.services.due() {
             ensure!(bus.lives(self.process), "the launcher died");
             *next += 1;
             let process = *next;
-            (unit.stage, unit.health, unit.asked) = (Stage::Alive(process), None, false);
             world.borrow_mut().waits.entry(process).or_default();
-            let (name, drive, run) = (unit.name, self.drive, self.run);
-            let start = Start { world, bus, drive, run, unit: index, name, process, gone: &gone };
+            let name = self.services.units[unit].name.clone();
+            let start = Start { world, bus, drive: self.drive, run: self.run, name: &name, process, gone: &gone };
             match start.life() {
                 Ok(life) => lives.push(life),
-                Err(_) => {
+                Err(error) => {
                     bus.bury(process);
-                    self.bury(index, &Exit::Failure, now)?;
+                    world.borrow_mut().note_end(process, &Err(error));
                 }
             }
-        }
-        if self.wants_stop && !self.is_stopping {
-            self.stop(world);
+            self.services.started(unit, SimulatedProcess { number: process, world: world.clone() });
         }
         Ok(())
     }
 
-    /// Has the sensor end the stream, as soon as it gives one.
-    fn stop(&mut self, world: &Shared) {
-        let sensor = &mut self.units[0];
-        let is_running = sensor.health.as_ref().is_some_and(|health| health.state == ServiceState::Running);
-        if let (Stage::Alive(process), true) = (sensor.stage, is_running) {
-            sensor.asked = true;
-            self.is_stopping = true;
-            world.borrow_mut().waits.entry(process).or_default().told.push(Told::Stop);
-        }
-    }
-
     fn hear(&mut self) -> Result<()> {
-        let mut newcomers = false;
         while let Some(received) = self.ear.receive()? {
             let Received::Message(_, Message::Health(health)) = received else { continue };
-            let mine = |unit: &&mut Unit| unit.name == health.service && unit.stage == Stage::Alive(health.pid);
-            if let Some(unit) = self.units.iter_mut().find(mine) {
-                newcomers |= unit.health.is_none();
-                unit.health = Some(health);
-            }
+            self.services.hear(health);
         }
-        if newcomers {
-            self.tell_who_is_gone()?;
-        }
+        self.tell_who_is_gone()?;
         while let Some(received) = self.map_info.receive()? {
             if let Received::Message(_, Message::Info(info)) = received {
                 self.info = Some(info);
@@ -155,55 +161,22 @@ impl Launcher {
         Ok(())
     }
 
-    /// A process has ended.
-    ///
-    /// # Errors
-    /// The launcher died.
-    pub(crate) fn ended(&mut self, index: usize, exit: &Exit, now: Duration, bus: &Bus) -> Result<()> {
-        // Its last words may still be on their way: whoever waits hears them.
-        while bus.has_mail(self.process) {
-            self.hear()?;
-        }
-        self.bury(index, exit, now)
-    }
-
-    fn bury(&mut self, index: usize, exit: &Exit, now: Duration) -> Result<()> {
-        let unit = &mut self.units[index];
-        let state = unit.health.as_ref().map_or(ServiceState::Starting, |health| health.state);
-        let may_leave = index == 0 || unit.asked || state > ServiceState::Running || believes_exit_codes();
-        if (*exit == Exit::Success && may_leave) || state == ServiceState::Finished {
-            unit.stage = Stage::Done;
-            if index == 0 {
-                self.given = unit.health.as_ref().map(|health| health.progress);
-            }
-            return self.tell_who_is_gone();
-        }
-        unit.restarts += 1;
-        unit.stage = Stage::Waiting(now + BACKOFF * 2_u32.pow(unit.restarts.min(5) - 1));
-        self.clean_at = Some(now + Duration::from_millis(20));
-        Ok(())
-    }
-
     fn tell_who_is_gone(&mut self) -> Result<()> {
-        for unit in self.units.iter().filter(|unit| unit.stage == Stage::Done) {
-            let gone = Health::new(unit.name, self.process, ServiceState::Gone);
-            self.word.send(0, &Message::Health(gone))?;
+        if !std::mem::take(&mut self.services.has_news_of_gone) {
+            return Ok(());
+        }
+        for name in self.services.gone() {
+            self.word.send(0, &Message::Health(Health::new(name, self.process, ServiceState::Gone)))?;
         }
         Ok(self.word.ring()?)
     }
 
-    /// Whether nobody is there any more.
-    pub(crate) fn is_over(&self) -> bool {
-        self.units.iter().all(|unit| unit.stage == Stage::Done)
-    }
-
     /// When it wants to look next.
-    pub(crate) fn due(&self) -> Duration {
-        let starts = self.units.iter().filter_map(|unit| match unit.stage {
-            Stage::Waiting(due) => Some(due),
-            _ => None,
-        });
-        starts.chain(self.clean_at).fold(self.looks_at, Duration::min)
+    pub(crate) fn due(&self, world: &Shared) -> Duration {
+        let begun = world.borrow().begun();
+        let start = self.services.next_due().filter(|_| self.clean_at.is_none());
+        let start = start.map(|due: Instant| due.saturating_duration_since(begun));
+        start.into_iter().chain(self.clean_at).fold(self.looks_at, Duration::min)
     }
 
     /// Removes what the run could be resumed from.
@@ -221,6 +194,37 @@ impl Launcher {
         }
         sweep(world, self.process)
     }
+}
+
+/// Who was killed by the launcher is gone at once.
+fn bury_the_killed(world: &Shared, bus: &Bus, lives: &mut Vec<Life>) {
+    let (dead, alive): (Vec<Life>, Vec<Life>) =
+        lives.drain(..).partition(|life| world.borrow().ends.contains_key(&life.process));
+    *lives = alive;
+    dead.into_iter().for_each(|life| bus.bury(life.process));
+}
+
+/// What each service of a drive is to its graph, upstream to downstream.
+fn roles(drive: Drive) -> Result<Vec<(String, Role)>> {
+    let names = std::iter::once(&"sensor").chain(drive.services());
+    let role = |name: &&str| {
+        let (reads, writes) = process::topics(name)?;
+        let words = |topics: &[Topic]| topics.iter().map(|topic| topic.name().to_owned()).collect();
+        let (reads, writes) = (words(reads), words(writes));
+        let wiring = Wiring { reads, looks_on: Vec::new(), writes, source: *name == "sensor" };
+        Ok(((*name).to_owned(), Role { wiring, restart: Restart::OnFailure, required: true }))
+    };
+    names.map(role).collect()
+}
+
+fn settings(drive: Drive, run: u64, config: &SupervisionConfig) -> Result<Settings> {
+    Ok(Settings {
+        config: config.clone(),
+        alive_within: HANGS_AFTER,
+        ready_within: HANGS_AFTER,
+        is_resumable: true,
+        consumers: process::plan(drive, run)?.consumers,
+    })
 }
 
 fn ensure_lives(world: &Shared, process: u32) -> Result<()> {

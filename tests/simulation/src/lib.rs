@@ -8,6 +8,7 @@ mod dice;
 mod disk;
 mod drive;
 mod launcher;
+mod play;
 mod process;
 mod reference;
 mod schedule;

@@ -6,17 +6,18 @@ use std::task::{Context, Poll, Waker};
 
 use anyhow::{Result, bail};
 use echogrid_publisher::PublisherService;
-use echogrid_service::mutants::Mutant;
+use echogrid_service::host::Told;
 use echogrid_service::runtime::{Ends, Runtime};
 use echogrid_service::store::{Shelf as _, Store, Table, beginning};
 use echogrid_service::{Plan, Service, life};
+use echogrid_supervision::{End, Process, Usage};
 use echogrid_topics::memory::Bus;
 use echogrid_topics::topic::Qos;
 use echogrid_topics::{Delivery, Input, Output, Topic};
 
 use crate::disk::{SimulatedFolder, SimulatedShelf, publisher};
 use crate::drive::{Drive, OUTPUTS, Recording};
-use crate::world::{Shared, SimulatedHost};
+use crate::world::{KILLED, Shared, SimulatedHost};
 
 /// What a producer may be ahead, in messages: so little that it has to wait.
 const WINDOW: u64 = 6;
@@ -43,7 +44,7 @@ pub(crate) fn input(bus: &Bus, process: u32, topic: Topic) -> Input {
 }
 
 /// What a service reads and writes.
-fn topics(name: &str) -> Result<(&'static [Topic], &'static [Topic])> {
+pub(crate) fn topics(name: &str) -> Result<(&'static [Topic], &'static [Topic])> {
     Ok(match name {
         "sensor" => (&[], OUTPUTS),
         "odometry" => (echogrid_odometry::INPUTS, echogrid_odometry::OUTPUTS),
@@ -54,7 +55,7 @@ fn topics(name: &str) -> Result<(&'static [Topic], &'static [Topic])> {
     })
 }
 
-fn plan(drive: Drive, run: u64) -> Result<Plan> {
+pub(crate) fn plan(drive: Drive, run: u64) -> Result<Plan> {
     let mut consumers: std::collections::BTreeMap<String, Vec<String>> = Default::default();
     for name in drive.services() {
         for topic in topics(name)?.0 {
@@ -72,9 +73,45 @@ fn plan(drive: Drive, run: u64) -> Result<Plan> {
     })
 }
 
+/// A process in the launcher's hand.
+#[derive(Debug)]
+pub(crate) struct SimulatedProcess {
+    pub(crate) number: u32,
+    pub(crate) world: Shared,
+}
+
+impl Process for SimulatedProcess {
+    fn pid(&self) -> u32 {
+        self.number
+    }
+
+    fn ask_to_stop(&mut self) {
+        self.world.borrow_mut().waits.entry(self.number).or_default().told.push(Told::Stop);
+    }
+
+    fn kill(&mut self) {
+        let world = &mut *self.world.borrow_mut();
+        world.dead.insert(self.number);
+        world.ends.entry(self.number).or_insert(KILLED);
+    }
+
+    fn look(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn end(&self) -> Option<End> {
+        self.world.borrow().ends.get(&self.number).copied()
+    }
+
+    fn usage(&self) -> Option<Usage> {
+        let world = self.world.borrow();
+        let is_stopped = world.waits.get(&self.number).is_some_and(|wait| wait.stopped_until > world.now);
+        Some(Usage { state: if is_stopped { 'T' } else { 'S' }, ..Usage::default() })
+    }
+}
+
 /// A life of a service.
 pub(crate) struct Life {
-    pub(crate) unit: usize,
     pub(crate) process: u32,
     future: Pin<Box<dyn Future<Output = Result<()>>>>,
     /// How often somebody had been woken for what it reads when it looked last.
@@ -94,7 +131,6 @@ pub(crate) struct Start<'a> {
     pub(crate) bus: &'a Bus,
     pub(crate) drive: Drive,
     pub(crate) run: u64,
-    pub(crate) unit: usize,
     pub(crate) name: &'a str,
     pub(crate) process: u32,
     /// Services that have left for good.
@@ -148,7 +184,7 @@ impl Start<'_> {
                 serve(runtime, service.saving_by(Box::new(SimulatedFolder { world: world.clone(), process })))
             }
         };
-        Ok(Life { unit: self.unit, process, future, rung: 0 })
+        Ok(Life { process, future, rung: 0 })
     }
 }
 
@@ -164,9 +200,4 @@ fn last_words(mut runtime: Runtime, end: Result<()>) -> Result<()> {
         runtime.fail(&error.to_string());
     }
     end
-}
-
-/// Whether a fault is put back that the launcher had, too.
-pub(crate) fn believes_exit_codes() -> bool {
-    Mutant::SignalStops.lives()
 }

@@ -9,6 +9,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::Result;
 use echogrid_service::host::{Host, Told, Woken};
+use echogrid_service::process::exit_code;
+use echogrid_supervision::End;
 use echogrid_topics::memory::Schedule;
 
 use crate::dice::Dice;
@@ -29,6 +31,9 @@ pub(crate) struct Wait {
     pub(crate) is_late: bool,
 }
 
+/// By somebody's SIGKILL.
+pub(crate) const KILLED: End = End::Signal(9);
+
 #[derive(Debug)]
 pub(crate) struct World {
     pub(crate) dice: Dice,
@@ -40,6 +45,10 @@ pub(crate) struct World {
     pub(crate) doomed: BTreeMap<u32, u32>,
     pub(crate) dead: BTreeSet<u32>,
     pub(crate) waits: BTreeMap<u32, Wait>,
+    /// How processes ended.
+    pub(crate) ends: BTreeMap<u32, End>,
+    /// Somebody ended since the launcher looked last.
+    pub(crate) has_ended: bool,
     /// Whose turn it is.
     current: u32,
     pub(crate) disk: Disk,
@@ -58,6 +67,8 @@ impl World {
             doomed: BTreeMap::new(),
             dead: BTreeSet::new(),
             waits: BTreeMap::new(),
+            ends: BTreeMap::new(),
+            has_ended: false,
             current: 0,
             disk: Disk::default(),
         }
@@ -80,6 +91,27 @@ impl World {
             }
             None => true,
         }
+    }
+
+    /// When time began.
+    pub(crate) fn begun(&self) -> Instant {
+        self.begun
+    }
+
+    /// What time it is.
+    pub(crate) fn time(&self) -> Instant {
+        self.begun + self.now
+    }
+
+    /// A process has ended by itself, or died on the way.
+    pub(crate) fn note_end(&mut self, process: u32, end: &Result<()>) {
+        let end = match end {
+            _ if self.dead.contains(&process) => KILLED,
+            Ok(()) => End::Code(0),
+            Err(error) => End::Code(exit_code(error).into()),
+        };
+        self.ends.entry(process).or_insert(end);
+        self.has_ended = true;
     }
 
     /// It is this process's turn.
@@ -122,8 +154,7 @@ pub(crate) struct SimulatedHost {
 
 impl Host for SimulatedHost {
     fn now(&self) -> Instant {
-        let world = self.world.borrow();
-        world.begun + world.now
+        self.world.borrow().time()
     }
 
     fn pid(&self) -> u32 {

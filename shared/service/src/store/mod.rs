@@ -5,6 +5,8 @@
 
 mod file;
 mod shelf;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -198,7 +200,7 @@ impl Store {
             "what is stored there is of another run; remove it, or begin in another folder"
         );
         let mut store = Self { file: file.into(), shelf, next_generation: 0, next_entry: 0, keeps_generations };
-        let next = |table| store.shelf.last(table)?.map_or(Ok(0), |key| Ok::<_, anyhow::Error>(number(&key)? + 1));
+        let next = |table| store.shelf.last(table)?.map_or(Ok(0), |key| after(&key));
         let (generation, entry) = (next(Table::Snapshots)?, next(Table::Journal)?);
         // An empty journal may have been longer: what snapshots count goes on from there.
         let entries = store.moments()?.into_values().map(|moment| moment.journal).max().unwrap_or(0);
@@ -332,7 +334,7 @@ impl Store {
     /// The store is broken.
     pub fn spooled(&self) -> Result<(Vec<Spooled>, u64, BTreeMap<u32, u64>)> {
         let spool = self.shelf.range(Table::Spool, &[])?;
-        let next = spool.last().map_or(Ok(0), |(key, _)| number(key).map(|last| last + 1))?;
+        let next = spool.last().map_or(Ok(0), |(key, _)| after(key))?;
         let messages = spool.iter().map(|(_, bytes)| decode(bytes)).collect::<Result<_>>()?;
         let topic = |key: &[u8]| key.try_into().map(u32::from_be_bytes).context("no code of a topic");
         let trimmed = self.shelf.range(Table::Trimmed, &[])?;
@@ -364,121 +366,12 @@ fn number(key: &[u8]) -> Result<u64> {
     Ok(u64::from_be_bytes(key.try_into().context("a key of another version")?))
 }
 
+/// The number that comes after that of a key.
+fn after(key: &[u8]) -> Result<u64> {
+    number(key)?.checked_add(1).context("a key that no store comes to: it is damaged")
+}
+
 /// What comes after it in `bytes` is left.
 fn decode<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T> {
     postcard::take_from_bytes(bytes).map(|(value, _)| value).context("a stored state is of another version, or damaged")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn moment(written: u64, journal: u64) -> Moment {
-        Moment { written: vec![(4, written)], journal, ..Moment::default() }
-    }
-
-    fn changes(parts: &[(&str, Option<&[u8]>)]) -> Changes {
-        parts.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.map(<[u8]>::to_vec))).collect()
-    }
-
-    fn entry(at: u64) -> Entry {
-        Entry { at: vec![at], stamp_ns: 0, what: Unrepeatable::Command(at, Command::Pause) }
-    }
-
-    #[test]
-    fn generations_are_kept_until_they_are_let_go() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("odometry.redb");
-        let mut store = Store::open(&file, 7, false, true).unwrap();
-        for generation in 0..3 {
-            store.write_down(&entry(generation)).unwrap();
-            let changes = changes(&[("state", Some(&[generation as u8]))]);
-            assert_eq!(store.store(&moment(10 * generation, generation + 1), changes, 0).unwrap(), generation);
-        }
-        store.store(&moment(30, 3), changes(&[("state", Some(&[3]))]), 1).unwrap();
-        drop(store);
-        let mut store = Store::open(&file, 7, false, true).unwrap();
-        assert_eq!(store.moments().unwrap().keys().copied().collect::<Vec<_>>(), [1, 2, 3]);
-        assert_eq!(store.state(2).unwrap()["state"], [2]);
-        // The entry that every snapshot knows of is gone.
-        assert_eq!(store.journal(0).unwrap().len(), 1);
-        assert_eq!(store.journal(3).unwrap().len(), 0);
-        store.write_down(&entry(9)).unwrap();
-        assert_eq!(store.journal(3).unwrap()[0].at, [9]);
-    }
-
-    #[test]
-    fn parts_are_stored_as_they_change() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("mapper.redb");
-        let mut store = Store::open(&file, 7, false, false).unwrap();
-        store.store(&moment(0, 0), changes(&[("a", Some(b"1")), ("b", Some(b"2"))]), 0).unwrap();
-        store.store(&moment(1, 0), changes(&[("b", None), ("c", Some(b"3"))]), 0).unwrap();
-        drop(store);
-        let store = Store::open(&file, 7, false, false).unwrap();
-        let (generation, last) = store.moments().unwrap().pop_last().unwrap();
-        assert_eq!(last, moment(1, 0));
-        let names: Vec<String> = store.state(generation).unwrap().into_keys().collect();
-        assert_eq!(names, ["a", "c"]);
-    }
-
-    #[test]
-    fn a_spool_keeps_what_is_not_stored_downstream() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("sensor.redb");
-        let mut store = Store::open(&file, 7, false, true).unwrap();
-        for number in 0..=TRIM_EVERY {
-            let message = Measured::TruePose(TruePose { map_from_base: None });
-            let spooled = Spooled { topic: 9, sequence: number + 1, stamp_ns: number, message };
-            store.spool(number, &spooled, |topic, sequence| topic == 9 && sequence <= 200).unwrap();
-        }
-        drop(store);
-        let (messages, next, trimmed) = Store::open(&file, 7, false, true).unwrap().spooled().unwrap();
-        assert_eq!((messages.len() as u64, next), (TRIM_EVERY + 1 - 200, TRIM_EVERY + 1));
-        assert_eq!((messages[0].sequence, trimmed[&9]), (201, 200));
-    }
-
-    /// Bytes of a whole store, flipped or cut wherever: an error that names the file, or what was stored; never a panic.
-    #[test]
-    fn a_damaged_store_is_told_with_its_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("mapper.redb");
-        let mut store = Store::open(&file, 7, true, false).unwrap();
-        store.store(&moment(0, 0), changes(&[("a", Some(&[7; 5000])), ("b", Some(b"2"))]), 0).unwrap();
-        store.write_down(&entry(3)).unwrap();
-        drop(store);
-        let whole = std::fs::read(&file).unwrap();
-        let mut refused = 0;
-        for at in (0..whole.len()).step_by(whole.len() / 60) {
-            let mut flipped = whole.clone();
-            flipped[at] ^= 0x55;
-            for bytes in [flipped.as_slice(), &whole[..at]] {
-                std::fs::write(&file, bytes).unwrap();
-                let error = match Store::check(&file, 7) {
-                    Ok(()) => continue,
-                    Err(error) => format!("{error:#}"),
-                };
-                assert!(error.contains("mapper.redb"), "{error}");
-                refused += 1;
-            }
-        }
-        assert!(refused > 60, "{refused}");
-    }
-
-    #[test]
-    fn what_is_no_store_is_told_with_its_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("mapper.redb");
-        std::fs::write(&file, "something else").unwrap();
-        let error = format!("{:#}", Store::open(&file, 7, false, false).unwrap_err());
-        assert!(error.contains("mapper.redb"), "{error}");
-    }
-
-    #[test]
-    fn a_second_life_knows_of_the_first() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("sensor.redb");
-        let lives = [(), ()].map(|()| Store::open(&file, 7, false, false).unwrap().begin_life().unwrap());
-        assert_eq!(lives, [false, true]);
-    }
 }

@@ -4,35 +4,35 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use echogrid_topics::Topic;
 
-use crate::config::Service;
+use crate::wiring::Wiring;
 
 /// Which services each topic's producer waits for.
 #[must_use]
-pub fn consumers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
-    by_topic(services, |service| &service.wiring.reads)
+pub fn consumers(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, Vec<String>> {
+    by_topic(services, |wiring| &wiring.reads)
 }
 
 /// Which services write each topic; all write `health`.
 #[must_use]
-pub fn writers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
-    let mut writers = by_topic(services, |service| &service.wiring.writes);
+pub fn writers(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, Vec<String>> {
+    let mut writers = by_topic(services, |wiring| &wiring.writes);
     writers.insert(Topic::Health.name().into(), services.keys().cloned().collect());
     writers
 }
 
 /// Which services take what comes of each topic without being waited for.
 #[must_use]
-pub fn onlookers(services: &BTreeMap<String, Service>) -> BTreeMap<String, Vec<String>> {
-    by_topic(services, |service| &service.wiring.looks_on)
+pub fn onlookers(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, Vec<String>> {
+    by_topic(services, |wiring| &wiring.looks_on)
 }
 
 fn by_topic(
-    services: &BTreeMap<String, Service>,
-    topics: impl Fn(&Service) -> &Vec<String>,
+    services: &BTreeMap<String, impl AsRef<Wiring>>,
+    topics: impl Fn(&Wiring) -> &Vec<String>,
 ) -> BTreeMap<String, Vec<String>> {
     let mut names: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (name, service) in services {
-        for topic in topics(service) {
+        for topic in topics(service.as_ref()) {
             names.entry(topic.clone()).or_default().push(name.clone());
         }
     }
@@ -51,13 +51,14 @@ pub struct Place {
 /// The place of each service. Streams go round where services command those upstream: a source comes first whatever it reads,
 /// and of what else goes round, who comes first by name.
 #[must_use]
-pub fn places(services: &BTreeMap<String, Service>) -> BTreeMap<String, Place> {
-    let is_source = |name: &str| services.get(name).is_some_and(|service| service.wiring.source);
+pub fn places(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, Place> {
+    let is_source = |name: &str| services.get(name).is_some_and(|service| service.as_ref().source);
     let mut upstream: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for (name, service) in services {
-        let streams = || service.wiring.reads.iter().filter(|topic| is_stream(topic) && !service.wiring.source);
-        let writes = |other: &Service| streams().any(|topic| other.wiring.writes.contains(topic));
-        let producers = services.iter().filter(|(other, of)| *other != name && writes(of));
+        let wiring = service.as_ref();
+        let streams = || wiring.reads.iter().filter(|topic| is_stream(topic) && !wiring.source);
+        let writes = |other: &Wiring| streams().any(|topic| other.writes.contains(topic));
+        let producers = services.iter().filter(|(other, of)| *other != name && writes(of.as_ref()));
         upstream.insert(name, producers.map(|(other, _)| other.as_str()).collect());
     }
     let mut told: BTreeSet<&str> = services.keys().map(String::as_str).filter(|name| is_source(name)).collect();
@@ -95,22 +96,41 @@ fn is_stream(topic: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Exec, ServiceKind, Wiring, default_services};
 
-    fn service(reads: &[&str], looks_on: &[&str], writes: &[&str]) -> Service {
+    fn wiring(reads: &[&str], looks_on: &[&str], writes: &[&str]) -> Wiring {
         let names = |topics: &[&str]| topics.iter().map(|topic| (*topic).to_owned()).collect();
-        let wiring = Wiring { reads: names(reads), looks_on: names(looks_on), writes: names(writes), source: false };
-        let of = default_services(false).remove("publisher").unwrap();
-        Service { kind: ServiceKind::Other, exec: Exec::Path("x".into()), wiring, ..of }
+        Wiring { reads: names(reads), looks_on: names(looks_on), writes: names(writes), source: false }
     }
 
-    fn ranks(services: &BTreeMap<String, Service>) -> BTreeMap<String, (usize, bool)> {
+    /// A graph of one service of each kind.
+    fn graph() -> BTreeMap<String, Wiring> {
+        let sensor = wiring(&[], &[], &["robot/description", "truth/pose", "odometry/raw", "range/scan"]);
+        let localizer =
+            wiring(&["robot/description", "truth/pose", "localization/request"], &[], &["localization/fix"]);
+        let services = [
+            ("sensor", Wiring { source: true, ..sensor }),
+            (
+                "odometry",
+                wiring(
+                    &["robot/description", "localization/fix", "odometry/raw"],
+                    &[],
+                    &["localization/request", "odometry/estimate"],
+                ),
+            ),
+            ("localizer", localizer),
+            ("mapper", wiring(&["odometry/estimate", "range/scan"], &[], &["map/tiles", "map/info"])),
+            ("publisher", wiring(&["odometry/estimate", "map/tiles"], &[], &[])),
+        ];
+        services.map(|(name, wiring)| (name.to_owned(), wiring)).into()
+    }
+
+    fn ranks(services: &BTreeMap<String, Wiring>) -> BTreeMap<String, (usize, bool)> {
         places(services).into_iter().map(|(name, place)| (name, (place.rank, place.is_told))).collect()
     }
 
     #[test]
     fn streams_go_from_the_sensor_to_the_publisher() {
-        let ranks = ranks(&default_services(true));
+        let ranks = ranks(&graph());
         let expected = [("localizer", 2), ("mapper", 2), ("odometry", 1), ("publisher", 3), ("sensor", 0)]
             .map(|(n, r)| (n.into(), (r, true)));
         assert_eq!(ranks, BTreeMap::from(expected));
@@ -118,12 +138,13 @@ mod tests {
 
     #[test]
     fn who_is_told_by_no_stream_comes_last() {
-        let mut services = default_services(false);
+        let mut services = graph();
+        services.remove("localizer");
         // Commands whoever reads it; looks on; reads the tiles alone.
-        services.insert("planner".into(), service(&["map/info"], &[], &["localization/request"]));
-        services.insert("a-viewer".into(), service(&[], &["map/tiles"], &[]));
-        services.insert("tiles".into(), service(&["map/tiles"], &[], &[]));
-        services.get_mut("sensor").unwrap().wiring.reads.push("localization/request".into());
+        services.insert("planner".into(), wiring(&["map/info"], &[], &["localization/request"]));
+        services.insert("a-viewer".into(), wiring(&[], &["map/tiles"], &[]));
+        services.insert("tiles".into(), wiring(&["map/tiles"], &[], &[]));
+        services.entry("sensor".into()).and_modify(|sensor| sensor.reads.push("localization/request".into()));
         let ranks = ranks(&services);
         assert_eq!((ranks["sensor"], ranks["tiles"], ranks["publisher"]), ((0, true), (3, true), (3, true)));
         assert!(!ranks["planner"].1 && !ranks["a-viewer"].1, "{ranks:?}");

@@ -2,36 +2,33 @@
 
 use std::time::{Duration, Instant};
 
-use super::child::Process;
-use super::unit::{Stage, Unit};
-use super::{LAST_WORDS, LEAVE_WITHIN, SLOW_FROM, Supervisor};
+use echogrid_service::mutants::Mutant;
+
+use crate::life::{Life, Process};
+use crate::unit::{Stage, Unit};
+use crate::{LAST_WORDS, LEAVE_WITHIN, SLOW_FROM, Supervision};
 
 /// What those downstream of a service that failed may take to save and leave.
 const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
 
 /// Why the graph is ending, and how far it has been pressed.
 #[derive(Debug)]
-pub(super) struct Ending {
-    pub(super) asked: Instant,
+pub(crate) struct Ending {
+    pub(crate) asked: Instant,
     /// What all may take from one step forward to the next.
-    pub(super) within: Duration,
-    pub(super) deadline: Instant,
-    pub(super) pressed: u32,
+    pub(crate) within: Duration,
+    pub(crate) deadline: Instant,
+    pub(crate) pressed: u32,
 }
 
-impl Supervisor<'_> {
+impl<P: Process> Supervision<P> {
     /// Ends the stream at its source; the rest drains, saves and leaves by itself.
-    pub(super) fn end(&mut self, within: Duration) {
-        // After a failure a spooled run is to be resumed: nobody is to think that its stream has ended.
-        let resumable = self.failed.is_some() && self.graph.plan.synced;
+    pub(crate) fn end(&mut self, within: Duration) {
+        self.leave_to_the_next_run();
         let mut nobody_tells = false;
         for unit in self.units.iter_mut().filter(|unit| unit.is_source()) {
             let is_here = unit.is_here();
             match unit.alive_mut() {
-                Some(process) if resumable => {
-                    process.kill();
-                    unit.stage = Stage::Lost;
-                }
                 Some(process) => process.ask_to_stop(),
                 // It would begin anew, and nobody would ask it to end again.
                 None if is_here => {
@@ -54,15 +51,30 @@ impl Supervisor<'_> {
         self.ending.get_or_insert(Ending { asked, within, deadline, pressed: 0 });
     }
 
+    /// After a failure a spooled run is to be resumed: nobody is to think that a stream has ended, and those that are not
+    /// downstream of who failed are gone on from what they have stored.
+    fn leave_to_the_next_run(&mut self) {
+        let Some(failed) = self.failed.filter(|_| self.settings.is_resumable) else { return };
+        let is_left = |unit: &&mut Unit<P>| {
+            unit.is_source() || (unit.place.is_told && unit.place.rank <= failed && !Mutant::ForgetsTheGivenUp.lives())
+        };
+        for unit in self.units.iter_mut().filter(is_left) {
+            if let Some(life) = unit.alive_mut() {
+                life.kill();
+                unit.stage = Stage::Lost;
+            }
+        }
+    }
+
     /// A service of this rank is no more, and nobody downstream will hear the end of its streams.
-    pub(super) fn end_after_failure(&mut self, rank: usize) {
+    pub(crate) fn end_after_failure(&mut self, rank: usize) {
         self.failed = Some(self.failed.map_or(rank, |failed| failed.min(rank)));
         self.winding_down = self.failed;
         self.end(LEAVE_AFTER_FAILURE);
     }
 
     /// Who stopped the graph does not want to wait until a slow mapper has taken in all that was on its way to it.
-    pub(super) fn hurry(&mut self) {
+    pub(crate) fn hurry(&mut self) {
         let Some(ending) = self.ending.as_ref().filter(|_| self.failed.is_none() && self.winding_down.is_none()) else {
             return;
         };
@@ -71,15 +83,15 @@ impl Supervisor<'_> {
             return;
         }
         // Who only gives on what comes to it is through with it soon; those that make something of it may be slow.
-        let is_slow = |unit: &&mut Unit| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
+        let is_slow = |unit: &&mut Unit<P>| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
         let Some(next) = self.units.iter_mut().filter(is_slow).map(|unit| unit.place.rank).min() else { return };
         let here = self.units.iter_mut().filter(|unit| unit.is_here() && unit.place.rank == next);
-        here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Process::ask_once);
+        here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Life::ask_once);
     }
 
     /// Those that no stream tells of its end are asked to end when all the others have: one after the other, as what one of
     /// them writes another may read.
-    pub(super) fn release_those_not_told(&mut self) {
+    pub(crate) fn release_those_not_told(&mut self) {
         let is_over = !self.units.iter().any(|unit| unit.place.is_told && unit.is_here());
         if !is_over || !self.units.iter().any(Unit::is_here) {
             return;
@@ -91,19 +103,19 @@ impl Supervisor<'_> {
         }
         let next = self.units.iter().filter(|unit| unit.is_here()).map(|unit| unit.place.rank).min();
         let next = self.units.iter_mut().filter(|unit| Some(unit.place.rank) == next);
-        next.filter_map(Unit::alive_mut).for_each(Process::ask_once);
+        next.filter_map(Unit::alive_mut).for_each(Life::ask_once);
     }
 
     /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
     /// is asked has heard the last of whoever was before it.
-    pub(super) fn wind_down(&mut self) {
+    pub(crate) fn wind_down(&mut self) {
         let Some(from) = self.winding_down else { return };
         let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.place.rank > from);
         if let Some(next) = downstream.map(|unit| unit.place.rank).min() {
             let next = self.units.iter_mut().filter(|unit| unit.place.rank == next);
             // Before it is ready a request would end it at once.
             let ready = next.filter(|unit| unit.is_ready() || self.failed.is_some());
-            ready.filter_map(Unit::alive_mut).for_each(Process::ask_once);
+            ready.filter_map(Unit::alive_mut).for_each(Life::ask_once);
         } else if let Some(ending) = self.ending.as_mut().filter(|ending| ending.pressed == 0) {
             // Those upstream wait in vain for the one that failed.
             ending.within = ending.within.min(LAST_WORDS);

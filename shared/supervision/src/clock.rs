@@ -8,19 +8,21 @@ const LONGEST_TICK: Duration = Duration::from_secs(1);
 
 /// Time in which the launcher ran.
 #[derive(Debug)]
-pub(super) struct Clock {
+pub struct Clock {
     looked: Instant,
     lost: Duration,
     begun: Instant,
 }
 
 impl Clock {
-    pub(super) fn new(now: Instant) -> Self {
+    /// Begins now.
+    #[must_use]
+    pub fn new(now: Instant) -> Self {
         Self { looked: now, lost: Duration::ZERO, begun: now }
     }
 
     /// What time it is for deadlines, when it is `now` on the wall.
-    pub(super) fn look(&mut self, now: Instant) -> Instant {
+    pub fn look(&mut self, now: Instant) -> Instant {
         self.lost += now.saturating_duration_since(self.looked).saturating_sub(LONGEST_TICK);
         self.looked = now;
         now.checked_sub(self.lost).map_or(self.begun, |now| now.max(self.begun))

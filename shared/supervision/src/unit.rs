@@ -5,16 +5,16 @@ use std::time::Instant;
 
 use echogrid_topics::{Health, ServiceState};
 
-use super::child::Process;
-use super::flow::Place;
-use crate::config::Service;
+use crate::Role;
+use crate::flow::Place;
+use crate::life::{Life, Process};
 
 /// Starts in a row that found no graph to enter, after which the graph itself is taken for broken.
 const FAILED_STARTS: u32 = 3;
 
 /// Where a service is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stage {
+pub enum Stage {
     /// It is to be started then.
     Waiting(Instant),
     /// Its process runs.
@@ -27,32 +27,36 @@ pub(super) enum Stage {
 
 /// A service of the graph.
 #[derive(Debug)]
-pub(super) struct Unit {
-    pub(super) name: String,
-    pub(super) place: Place,
-    pub(super) service: Service,
-    pub(super) stage: Stage,
+pub struct Unit<P> {
+    /// Its name in the graph.
+    pub name: String,
+    /// Where in the flow of streams it is.
+    pub place: Place,
+    pub(crate) role: Role,
+    /// Where it is in its lives.
+    pub stage: Stage,
     /// The last of its lives.
-    pub(super) process: Option<Process>,
+    pub(crate) life: Option<Life<P>>,
     /// When it was restarted, as far as that counts.
-    pub(super) recent: VecDeque<Instant>,
-    pub(super) restarts: u32,
+    pub(crate) recent: VecDeque<Instant>,
+    /// How often it was started again.
+    pub restarts: u32,
     /// The last thing heard of it, whichever life.
-    pub(super) health: Option<Health>,
+    pub health: Option<Health>,
     failed_starts: u32,
     /// When it was last known to be ready, whichever life; before it ever was: when the graph began.
-    pub(super) well: Instant,
+    pub(crate) well: Instant,
 }
 
-impl Unit {
-    pub(super) fn new(name: &str, service: &Service, place: Place, now: Instant) -> Self {
+impl<P: Process> Unit<P> {
+    pub(crate) fn new(name: &str, role: Role, place: Place, now: Instant) -> Self {
         Self {
             name: name.into(),
             place,
             well: now,
-            service: service.clone(),
+            role,
             stage: Stage::Waiting(now),
-            process: None,
+            life: None,
             recent: VecDeque::new(),
             restarts: 0,
             health: None,
@@ -61,52 +65,57 @@ impl Unit {
     }
 
     /// Whether streams begin with it.
-    pub(super) fn is_source(&self) -> bool {
-        self.service.wiring.source
+    pub fn is_source(&self) -> bool {
+        self.role.wiring.source
     }
 
     /// Whether there is or will be a process.
-    pub(super) fn is_here(&self) -> bool {
+    pub fn is_here(&self) -> bool {
         matches!(self.stage, Stage::Alive | Stage::Waiting(_))
     }
 
-    /// Its process, while it runs.
-    pub(super) fn alive(&self) -> Option<&Process> {
-        self.process.as_ref().filter(|_| self.stage == Stage::Alive)
+    /// Its life, while it runs.
+    pub fn alive(&self) -> Option<&Life<P>> {
+        self.life.as_ref().filter(|_| self.stage == Stage::Alive)
     }
 
     /// Likewise.
-    pub(super) fn alive_mut(&mut self) -> Option<&mut Process> {
-        self.process.as_mut().filter(|_| self.stage == Stage::Alive)
+    pub fn alive_mut(&mut self) -> Option<&mut Life<P>> {
+        self.life.as_mut().filter(|_| self.stage == Stage::Alive)
     }
 
     /// Whether its present life has said that it is ready.
-    pub(super) fn is_ready(&self) -> bool {
-        self.stage == Stage::Done || self.alive().is_some_and(Process::is_ready)
+    pub fn is_ready(&self) -> bool {
+        self.stage == Stage::Done || self.alive().is_some_and(Life::is_ready)
     }
 
     /// Whether its present life takes messages.
-    pub(super) fn is_running(&self) -> bool {
-        let health = self.alive().and_then(|process| process.health.as_ref());
+    pub(crate) fn is_running(&self) -> bool {
+        let health = self.alive().and_then(|life| life.health.as_ref());
         health.is_some_and(|health| health.state == ServiceState::Running)
     }
 
     /// Messages that its present life has taken in (a sensor: given out).
-    pub(super) fn progress(&self) -> u64 {
-        self.alive().and_then(|process| process.health.as_ref()).map_or(0, |health| health.progress)
+    pub(crate) fn progress(&self) -> u64 {
+        self.alive().and_then(|life| life.health.as_ref()).map_or(0, |health| health.progress)
     }
 
     /// Whether it has nothing more to send.
-    pub(super) fn has_ended(&self) -> bool {
+    pub fn has_ended(&self) -> bool {
         self.stage == Stage::Done || self.health.as_ref().is_some_and(|health| health.state >= ServiceState::Draining)
     }
 
+    /// Whether it said that it was done with all that it was there for.
+    pub(crate) fn is_finished(&self) -> bool {
+        self.health.as_ref().is_some_and(|health| health.state == ServiceState::Finished)
+    }
+
     /// Takes note of what it says of itself, if it is its present life that says it; whether it is the first word of that.
-    pub(super) fn hear(&mut self, health: Health, now: Instant) -> bool {
-        let Some(process) = self.process.as_mut().filter(|process| process.pid() == health.pid) else { return false };
-        let is_first = process.health.is_none();
-        process.hear(health.clone(), now);
-        if process.is_ready() {
+    pub(crate) fn hear(&mut self, health: Health, now: Instant) -> bool {
+        let Some(life) = self.life.as_mut().filter(|life| life.pid() == health.pid) else { return false };
+        let is_first = life.health.is_none();
+        life.hear(health.clone(), now);
+        if life.is_ready() {
             (self.failed_starts, self.well) = (0, now);
         }
         self.health = Some(health);
@@ -114,7 +123,7 @@ impl Unit {
     }
 
     /// Takes note that a life ended before it had begun; whether that is the graph's fault.
-    pub(super) fn failed_to_start(&mut self) -> bool {
+    pub(crate) fn failed_to_start(&mut self) -> bool {
         self.failed_starts += 1;
         if self.failed_starts < FAILED_STARTS {
             return false;
@@ -124,7 +133,7 @@ impl Unit {
     }
 
     /// How its last life ended, for people.
-    pub(super) fn end(&self) -> String {
-        self.process.as_ref().map(Process::end).unwrap_or_default()
+    pub(crate) fn how(&self) -> String {
+        self.life.as_ref().map(Life::how).unwrap_or_default()
     }
 }

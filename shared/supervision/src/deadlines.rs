@@ -7,24 +7,25 @@ use std::time::{Duration, Instant};
 
 use echogrid_topics::{Health, Topic};
 
-use super::Supervisor;
-use super::run::{Event, Observer};
-use super::unit::{Stage, Unit};
+use crate::event::Event;
+use crate::life::Process;
+use crate::unit::{Stage, Unit};
+use crate::{Supervision, Tell};
 
 /// For how long nobody may do anything while a service waits for what the sensor owes it: its end, or what robot it is.
 const OWED_WITHIN: Duration = Duration::from_secs(5);
 /// Somebody who says nothing for longer is busy, or hangs.
-pub(super) const SILENT_AFTER: Duration = Duration::from_secs(1);
+pub(crate) const SILENT_AFTER: Duration = Duration::from_secs(1);
 /// How far it is looked for the one that others wait for.
 const LONGEST_CHAIN: usize = 6;
 
-impl Supervisor<'_> {
+impl<P: Process> Supervision<P> {
     /// Looks at every process, and says of each once if it is silent for a reason.
-    pub(super) fn look_at_processes(&mut self, observer: &mut dyn Observer) {
-        let (now, alive_within) = (self.now, self.graph.alive_within);
+    pub(crate) fn look_at_processes(&mut self, tell: Tell<'_>) {
+        let (now, alive_within) = (self.now, self.settings.alive_within);
         for unit in self.units.iter_mut().filter(|unit| unit.stage == Stage::Alive) {
-            let Some(process) = unit.process.as_mut() else { continue };
-            process.signs.look(process.pid(), now);
+            let Some(process) = unit.life.as_mut() else { continue };
+            process.look(now);
             let silent = now.saturating_duration_since(process.silent_since());
             let what = match process.signs.stopped() {
                 Some(since) if now.saturating_duration_since(since) > OWED_WITHIN => {
@@ -35,21 +36,21 @@ impl Supervisor<'_> {
                 }
                 _ => {
                     if silent < SILENT_AFTER && std::mem::take(&mut process.told_silent) {
-                        observer.event(&Event::Note { name: &unit.name, what: "goes on".into() });
+                        tell(&Event::Note { name: &unit.name, what: "goes on".into() });
                     }
                     continue;
                 }
             };
             if !std::mem::replace(&mut process.told_silent, true) {
-                observer.event(&Event::Note { name: &unit.name, what });
+                tell(&Event::Note { name: &unit.name, what });
             }
         }
     }
 
     /// A service that hangs, and how that is known.
-    pub(super) fn hanging(&mut self) -> Option<(usize, String)> {
+    pub(crate) fn hanging(&mut self) -> Option<(usize, String)> {
         let now = self.now;
-        let first_within = Duration::from_secs_f64(self.graph.supervision.first_output_within_s);
+        let first_within = Duration::from_secs_f64(self.settings.config.first_output_within_s);
         if self.units.iter().any(|unit| unit.is_source() && unit.progress() > 0) {
             self.first_output.get_or_insert(now);
         }
@@ -61,7 +62,7 @@ impl Supervisor<'_> {
                 process.waited = Some(now);
             }
         }
-        let hangs = |unit: &Unit| {
+        let hangs = |unit: &Unit<P>| {
             let process = unit.alive()?;
             let excused = process.signs.excused();
             let too_long = |since: Instant, limit: Duration, what: &str| {
@@ -71,9 +72,10 @@ impl Supervisor<'_> {
             };
             let waited = |since: Instant| process.waited.map_or(since, |waited| waited.max(since));
             let Some(ready_at) = process.ready_at else {
-                return too_long(waited(process.started), self.graph.ready_within, "not ready").map(|why| (why, false));
+                return too_long(waited(process.started), self.settings.ready_within, "not ready")
+                    .map(|why| (why, false));
             };
-            if let Some(why) = too_long(process.silent_since(), self.graph.alive_within, "no sign of life") {
+            if let Some(why) = too_long(process.silent_since(), self.settings.alive_within, "no sign of life") {
                 return Some((why, false));
             }
             // Whoever waits for somebody that is being started is not silent by itself.
@@ -134,13 +136,13 @@ impl Supervisor<'_> {
         };
         let none = Vec::new();
         let writers = self.writers.get(topic.name()).unwrap_or(&none);
-        let others = if writers.contains(&unit.name) { self.graph.plan.consumers_of(topic) } else { writers };
+        let others = if writers.contains(&unit.name) { self.consumers_of(topic) } else { writers };
         let others = self.units.iter().enumerate().filter(|(_, other)| others.contains(&other.name));
         others.map(|(index, _)| index).collect()
     }
 
     /// Whether the first message of a source is soon followed by one for this service: it reads a stream of a source's.
-    fn is_fed(&self, unit: &Unit) -> bool {
+    fn is_fed(&self, unit: &Unit<P>) -> bool {
         let is_of_source = |topic: &Topic| {
             let writers = self.writers.get(topic.name()).into_iter().flatten();
             writers.filter_map(|name| self.units.iter().find(|unit| unit.name == *name)).any(Unit::is_source)
@@ -149,7 +151,7 @@ impl Supervisor<'_> {
         let streams = [Topic::OdometryRaw, Topic::RangeScan];
         streams
             .iter()
-            .any(|topic| unit.service.wiring.reads.iter().any(|name| name == topic.name()) && is_of_source(topic))
+            .any(|topic| unit.role.wiring.reads.iter().any(|name| name == topic.name()) && is_of_source(topic))
     }
 
     /// A service that takes messages, and does not say that it reads what it is waited for on: who waits for it is not to blame.
@@ -157,7 +159,7 @@ impl Supervisor<'_> {
         self.units.iter().find_map(|unit| {
             let health = self.heard(unit).filter(|_| unit.is_running())?;
             let is_read = |topic: &Topic| health.acks.iter().any(|ack| ack.topic == *topic);
-            let waited = |topic: &Topic| self.graph.plan.consumers_of(*topic).contains(&unit.name);
+            let waited = |topic: &Topic| self.consumers_of(*topic).contains(&unit.name);
             let streams = Topic::ALL.into_iter().filter(|topic| topic.delivery().is_stream());
             let topic = streams.into_iter().find(|topic| waited(topic) && !is_read(topic))?;
             let writer = self.writers.get(topic.name()).and_then(|writers| writers.first()).cloned()?;
@@ -167,13 +169,13 @@ impl Supervisor<'_> {
 
     /// What the sensor owes those who wait for it while nothing happens: the end of its streams when it has ended, and what
     /// robot it is when it has said anything else.
-    pub(super) fn check_for_what_is_owed(&mut self) {
+    pub(crate) fn check_for_what_is_owed(&mut self) {
         let waiting = self.does_not_read().or_else(|| self.owed()).filter(|_| self.ending.is_none());
         match (waiting, &self.waiting_since) {
             (None, _) => self.waiting_since = None,
             (Some(debt), Some((before, since))) if debt == *before => {
                 if self.now.saturating_duration_since(*since) > OWED_WITHIN {
-                    self.outcome.failures.push(debt.failure());
+                    self.failures.push(debt.failure());
                     self.end_after_failure(0);
                 }
             }
@@ -202,7 +204,7 @@ impl Supervisor<'_> {
     }
 
     /// What a service said just now; who is silent is busy, and may yet say or take what is missing.
-    fn heard<'u>(&self, unit: &'u Unit) -> Option<&'u Health> {
+    fn heard<'u>(&self, unit: &'u Unit<P>) -> Option<&'u Health> {
         let process = unit.alive()?;
         let is_heard = self.now.saturating_duration_since(process.silent_since()) <= SILENT_AFTER;
         process.health.as_ref().filter(|_| is_heard && process.signs.stopped().is_none())
@@ -210,7 +212,7 @@ impl Supervisor<'_> {
 
     /// Takes note of how far all who are still here have come; whether that is farther than before. One that goes on
     /// regardless of a request to end keeps nobody.
-    pub(super) fn gets_on(&mut self) -> bool {
+    pub(crate) fn gets_on(&mut self) -> bool {
         let now = self.now;
         let mut mark = Vec::new();
         let (mut at_work, mut ignored) = (false, false);
@@ -226,8 +228,8 @@ impl Supervisor<'_> {
             // One step may take long, and what it writes to be slow.
             at_work |= silent > SILENT_AFTER
                 && match stopped_for {
-                    Some(stopped_for) => stopped_for < self.graph.alive_within,
-                    None => process.signs.is_excused() || (process.is_ready() && silent < self.graph.alive_within),
+                    Some(stopped_for) => stopped_for < self.settings.alive_within,
+                    None => process.signs.is_excused() || (process.is_ready() && silent < self.settings.alive_within),
                 };
             mark.push((state, unit.progress()));
         }
@@ -239,7 +241,7 @@ impl Supervisor<'_> {
 
 /// What is waited for in vain.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Debt {
+pub(crate) struct Debt {
     topic: Topic,
     /// Who waits; of an acknowledgement: who owes it.
     name: String,

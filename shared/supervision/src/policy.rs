@@ -7,7 +7,7 @@ use crate::config::{Restart, SupervisionConfig};
 
 /// What is done about a death.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Decision {
+pub(crate) enum Decision {
     /// It is started again, after so long, as the restart of this number within the window.
     Restart(Duration, u32),
     /// It is not, and why.
@@ -19,7 +19,7 @@ pub(super) enum Decision {
 /// Decides on a death at `now`, in this order: policy, whether the graph is stopping, window, limit, backoff. `restarts` are
 /// those of the service so far; `well` is when it was ready last: while it never becomes so, no restart is long ago, however
 /// long each of its lives takes to be found hanging.
-pub(super) fn decide(
+pub(crate) fn decide(
     config: &SupervisionConfig,
     restart: Restart,
     is_stopping: bool,

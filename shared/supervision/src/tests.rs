@@ -1,0 +1,150 @@
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use anyhow::Result;
+use echogrid_topics::{Health, ServiceState};
+
+use super::*;
+
+/// Processes that do nothing by themselves, by their numbers: how they ended, and how often they were asked to.
+type System = Rc<RefCell<BTreeMap<u32, (Option<End>, u32)>>>;
+
+#[derive(Debug)]
+struct Played {
+    number: u32,
+    system: System,
+}
+
+impl Process for Played {
+    fn pid(&self) -> u32 {
+        self.number
+    }
+
+    fn ask_to_stop(&mut self) {
+        self.system.borrow_mut().entry(self.number).or_default().1 += 1;
+    }
+
+    fn kill(&mut self) {
+        self.system.borrow_mut().entry(self.number).or_default().0 = Some(End::Signal(9));
+    }
+
+    fn look(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    fn end(&self) -> Option<End> {
+        self.system.borrow().get(&self.number).and_then(|(end, _)| *end)
+    }
+
+    fn usage(&self) -> Option<Usage> {
+        Some(Usage { state: 'S', ..Usage::default() })
+    }
+}
+
+/// A sensor, an odometry, a mapper and a publisher, in this order, as processes 0 to 3.
+fn graph(config: SupervisionConfig) -> (Supervision<Played>, System) {
+    let role = |reads: &[&str], writes: &[&str], source| {
+        let names = |topics: &[&str]| topics.iter().map(|topic| (*topic).to_owned()).collect();
+        let wiring = Wiring { reads: names(reads), looks_on: Vec::new(), writes: names(writes), source };
+        Role { wiring, restart: Restart::OnFailure, required: true }
+    };
+    let services = [
+        ("sensor", role(&[], &["odometry/raw"], true)),
+        ("odometry", role(&["odometry/raw"], &["odometry/estimate"], false)),
+        ("mapper", role(&["odometry/estimate"], &["map/tiles"], false)),
+        ("publisher", role(&["map/tiles"], &[], false)),
+    ];
+    let services = services.map(|(name, role)| (name.to_owned(), role));
+    let settings = Settings {
+        config,
+        alive_within: Duration::from_secs(30),
+        ready_within: Duration::from_secs(30),
+        is_resumable: true,
+        consumers: consumers(&BTreeMap::from(services.clone())),
+    };
+    let mut graph = Supervision::new(&services, settings, Instant::now());
+    let system = System::default();
+    for index in graph.due() {
+        graph.started(index, Played { number: index as u32, system: system.clone() });
+    }
+    (0..4).for_each(|index| say(&mut graph, index, ServiceState::Running));
+    assert!(graph.has_become_ready());
+    (graph, system)
+}
+
+fn say(graph: &mut Supervision<Played>, index: usize, state: ServiceState) {
+    let name = graph.units[index].name.clone();
+    graph.hear(Health::new(name, index as u32, state));
+}
+
+/// A service ends so, and that is seen.
+fn ends(graph: &mut Supervision<Played>, system: &System, index: usize, end: End) {
+    system.borrow_mut().entry(index as u32).or_default().0 = Some(end);
+    let dead = graph.reap().unwrap();
+    assert_eq!(dead, [index]);
+    graph.bury(&dead, &mut |_| {});
+}
+
+#[test]
+fn of_a_spooled_run_that_fails_nobody_upstream_hears_that_somebody_is_gone() {
+    let (mut graph, system) = graph(SupervisionConfig { restarts_max: 0, ..SupervisionConfig::default() });
+    ends(&mut graph, &system, 2, End::Signal(9));
+    assert!(graph.failures[0].starts_with("mapper: "), "{:?}", graph.failures);
+    // What they have stored is what the run is gone on from.
+    for index in [0, 1] {
+        assert_eq!((graph.units[index].stage, system.borrow()[&(index as u32)].0), (Stage::Lost, Some(End::Signal(9))));
+    }
+    graph.look(&mut |_| {});
+    assert_eq!(system.borrow()[&3].1, 1, "the publisher saves the map so far");
+    say(&mut graph, 3, ServiceState::Draining);
+    ends(&mut graph, &system, 3, End::Code(0));
+    assert!(graph.is_over());
+    assert_eq!(graph.gone().count(), 0);
+}
+
+#[test]
+fn who_waits_to_be_started_when_the_time_is_over_is_a_failure() {
+    let (mut graph, system) = graph(SupervisionConfig::default());
+    graph.stop();
+    ends(&mut graph, &system, 3, End::Signal(9));
+    assert!(matches!(graph.units[3].stage, Stage::Waiting(_)));
+    // Nothing gets on, and what the dead left can't be cleaned up: it is never started.
+    for second in 0..12 {
+        let now = graph.now() + Duration::from_secs(1);
+        graph.is_now(now);
+        (0..3).for_each(|index| say(&mut graph, index, ServiceState::Draining));
+        graph.look(&mut |_| {});
+        assert_eq!(graph.units[3].stage == Stage::Lost, !graph.failures.is_empty(), "second {second}");
+    }
+    assert_eq!(graph.failures, ["publisher: it died, and there was no time left to start it again"]);
+}
+
+#[test]
+fn who_fails_while_it_is_pressed_to_leave_is_a_failure() {
+    for (end, is_failure) in [(End::Code(1), true), (End::Signal(9), true), (End::Signal(15), false)] {
+        let (mut graph, system) = graph(SupervisionConfig::default());
+        graph.stop();
+        while system.borrow().get(&3).is_none_or(|(_, asked)| *asked == 0) {
+            let now = graph.now() + Duration::from_secs(1);
+            graph.is_now(now);
+            (0..4).for_each(|index| say(&mut graph, index, ServiceState::Draining));
+            graph.look(&mut |_| {});
+        }
+        ends(&mut graph, &system, 3, end);
+        assert_eq!(!graph.failures.is_empty(), is_failure, "{end:?}: {:?}", graph.failures);
+    }
+}
+
+#[test]
+fn a_run_that_the_user_ends_is_done_when_all_have_left() {
+    let (mut graph, system) = graph(SupervisionConfig::default());
+    graph.stop();
+    assert_eq!(system.borrow()[&0].1, 1, "the sensor is asked, and nobody else");
+    assert_eq!(system.borrow().len(), 1);
+    for index in (0..4).rev() {
+        say(&mut graph, index, ServiceState::Finished);
+        ends(&mut graph, &system, index, End::Code(0));
+    }
+    assert!(graph.is_over() && graph.failures.is_empty() && graph.killed.is_empty());
+    assert_eq!(graph.gone().collect::<Vec<_>>(), ["sensor", "odometry", "mapper", "publisher"]);
+}
