@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use echogrid_formats::log::{RUN_SETTINGS, words_of_run};
+use echogrid_localizer::config::Source as LocatedBy;
 use toml::{Table, Value};
 
 use super::assemble::Origins;
@@ -37,12 +38,18 @@ impl Config {
         Ok(toml::to_string(&table)?)
     }
 
-    /// With what `auto` comes to in this graph, where it would come to something else in one that plays the recording.
+    /// With what `auto` comes to in this graph, where it would come to something else in one that plays the recording. An operator does
+    /// not fix again, and a map that is held until then would stay empty.
     fn as_when_played(&self) -> Self {
-        let played = Self { services: default_services(self.has_localizer()), ..self.clone() };
+        let mut localizer = self.localizer.clone();
+        if localizer.source == LocatedBy::Operator {
+            localizer.source = LocatedBy::None;
+        }
+        let services = default_services(self.has_localizer());
+        let played = Self { services, localizer: localizer.clone(), ..self.clone() };
         let (mut localization, mut odometry) = (self.localization.clone(), self.odometry.clone());
         let (here, there) = (self.resolved_localization(), played.resolved_localization());
-        if here.hold != there.hold {
+        if here.hold != there.hold && self.localizer.source != LocatedBy::Operator {
             localization.hold = here.hold;
         }
         if here.wait != there.wait {
@@ -52,7 +59,7 @@ impl Config {
         if here.start != there.start {
             odometry.start = here.start;
         }
-        Self { localization, odometry, ..self.clone() }
+        Self { localization, odometry, localizer, ..self.clone() }
     }
 }
 
@@ -128,4 +135,31 @@ pub(crate) fn in_force(recorded: &[Setting], origins: &Origins) -> Result<Vec<Ru
 pub fn settings_of_recording(path: &Path) -> Result<Option<Vec<RunSetting>>, ConfigError> {
     let Some(found) = read(path) else { return Ok(None) };
     in_force(&found.settings, &super::assemble::origins(&found.settings)).map(Some)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse_graph;
+    use super::*;
+
+    #[test]
+    fn what_is_carried_is_a_graph_that_makes_the_same_of_a_recording() {
+        let check = |graph: &str, wanted: &[&str], unwanted: &[&str]| {
+            let text = parse_graph(graph).unwrap().run_settings().unwrap();
+            let carried = reading::graph(&text, &Source::file("carried", &text, None));
+            assert_eq!(carried.problems, [], "{text}");
+            wanted.iter().for_each(|line| assert!(text.lines().any(|other| other == *line), "{line} in {text}"));
+            unwanted.iter().for_each(|line| assert!(!text.contains(line), "{line} in {text}"));
+        };
+        check(
+            "[mapper]\nresolution_m = 0.2\n",
+            &["resolution_m = 0.2", "hold = \"auto\""],
+            &["save_every_s", "[services"],
+        );
+        let simulated = "[services.sensor]\nexec = \"builtin:simulator\"\n";
+        check(simulated, &["start = \"odometry\""], &["[simulator]", "[run]"]);
+        check("[services.odometry]\nexec = \"builtin:slam\"\n", &["[slam]", "exec = \"builtin:slam\""], &[]);
+        // Nobody fixes by hand again.
+        check("[localizer]\nsource = \"operator\"\n", &["source = \"none\"", "hold = \"auto\""], &[]);
+    }
 }

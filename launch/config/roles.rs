@@ -44,12 +44,12 @@ fn composed(config: &Config) -> Vec<Problem> {
         return found;
     }
     for topic in [Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan, Topic::TruePose] {
-        let writers: Vec<&str> = sensors()
-            .filter(|(_, service)| service.wiring.writes.iter().any(|name| name == topic.name()))
-            .map(|(name, _)| name.as_str())
-            .collect();
+        let writes = |service: &Service| service.wiring.writes.iter().any(|name| name == topic.name());
+        let writers: Vec<&str> =
+            sensors().filter(|(_, service)| writes(service)).map(|(name, _)| name.as_str()).collect();
+        let is_missing = topic != Topic::TruePose && !config.services.values().any(writes);
         let message = match writers.as_slice() {
-            [] if topic != Topic::TruePose && sensors().next().is_some() => {
+            [] if is_missing && sensors().next().is_some() => {
                 let who: Vec<&str> = sensors().map(|(name, _)| name.as_str()).collect();
                 format!("nobody writes {}: {} must, or another service of kind sensor", topic.name(), who.join(" or "))
             }
