@@ -93,7 +93,7 @@ impl Packet {
 
 /// From one angle to the other, clockwise.
 fn span(first: u16, last: u16) -> u16 {
-    if last >= first { last - first } else { last + TURN - first }
+    if last >= first { last - first } else { TURN - (first - last) }
 }
 
 /// Finds packets in a stream.
@@ -177,6 +177,14 @@ mod tests {
         assert_eq!((packet.speed_degps, packet.first, packet.last, packet.stamp_ms), (2152, 32427, 33470, 6714));
         assert_eq!((packet.points[0], packet.points[11]), ((224, 228), (192, 229)));
         assert_eq!(packet.bytes(), EXAMPLE);
+    }
+
+    #[test]
+    fn a_packet_that_would_span_most_of_a_turn_is_none() {
+        let packet = Packet { first: 35_900, last: 35_000, ..Packet::read(&EXAMPLE).unwrap() };
+        assert_eq!(Packet::read(packet.bytes().first_chunk().unwrap()), None);
+        let over_the_front = Packet { last: 800, ..packet };
+        assert_eq!(Packet::read(over_the_front.bytes().first_chunk().unwrap()), Some(over_the_front));
     }
 
     /// A turn and a half, and the beams of it.
