@@ -90,13 +90,14 @@ impl Question {
 
     /// Writes the first half of what the process is about to write, in its place.
     pub(super) fn write_half(&self) -> io::Result<()> {
-        let mut bytes = vec![0; self.arguments[2] as usize / 2];
-        self.memory()?.read_exact_at(&mut bytes, self.arguments[1])?;
+        // Of other calls the third argument is no length.
         let at = match self.call {
             Call::WriteAt => self.arguments[3],
             Call::Write => self.position()?,
             _ => return Ok(()),
         };
+        let mut bytes = vec![0; self.arguments[2] as usize / 2];
+        self.memory()?.read_exact_at(&mut bytes, self.arguments[1])?;
         File::options().write(true).open(self.descriptor())?.write_all_at(&bytes, at)
     }
 
