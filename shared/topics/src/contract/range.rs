@@ -171,7 +171,7 @@ mod tests {
         for max_readings in [1, 8, 16, 181, 361, 1024, 5000] {
             let history = ((2 << 20) / (16 * max_readings)).clamp(64, 2048);
             let qos = Topic::RangeScan.qos(max_readings);
-            assert_eq!((qos.history, qos.buffer, qos.window), (history, 2 * history, history as u64 / 2));
+            assert_eq!((qos.history, qos.buffer, qos.window), (history, history + history / 2, history as u64 / 2));
         }
     }
 }
