@@ -54,14 +54,11 @@ pub(crate) static MAPPER: Section = Section {
             "what a reading without an echo says: ignore: nothing; clear: that its cone is rather empty (see echo_lost, oriented_lost); \
              auto: clear to oriented, which knows that walls mirror, and nothing to other rules",
         ),
-        key(
-            "echo_prior",
-            "a probability",
-            "of first_echo and oriented: how probably a cell is occupied before any reading",
-        ),
+        key("echo_prior", "a probability", "of first_echo: how probably a cell is occupied before any reading"),
         key("echo_detection", "a probability", "of first_echo: how probably an occupied cell on the axis answers"),
         key("echo_clutter", "a probability", "of first_echo: how probably an echo is nobody's (multipath, crosstalk)"),
         key("echo_lost", "a probability", "how probably an echo is lost, for no_echo = \"clear\""),
+        key("oriented_prior", "a probability", "of oriented: how probably a cell is occupied before any reading"),
         key(
             "oriented_detection",
             "a probability from 0.001 to 0.999",
@@ -85,14 +82,14 @@ pub(crate) static MAPPER: Section = Section {
             "of oriented: metres to which a reading without an echo clears",
         ),
         key(
-            "oriented_doubt_floor",
-            "a number from 0.01 to 1",
-            "of oriented: what is left of oriented_detection, at least, where the pose is in doubt",
+            "oriented_tempering",
+            "a number from 0 to 10",
+            "of oriented: gains are multiplied by (σ of the range without odometry error / with it) to this power",
         ),
         key(
             "tempering",
             "a number from 0 to 10",
-            "of first_echo and oriented: gains are multiplied by (σ of the range without odometry error / with it) to this power",
+            "of first_echo: gains are multiplied by (σ of the range without odometry error / with it) to this power",
         ),
         words(
             "footprint_m",

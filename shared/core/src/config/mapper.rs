@@ -158,6 +158,8 @@ pub struct MapperConfig {
     pub echo_clutter: f64,
     /// m: how probably an echo is lost.
     pub echo_lost: f64,
+    /// p0 of oriented: how probably a cell is occupied before any reading.
+    pub oriented_prior: f64,
     /// r0 of oriented: how probably a cell answers that is occupied and mirrors nothing.
     pub oriented_detection: f64,
     /// q of oriented: of what is occupied, the share that is no smooth wall.
@@ -170,9 +172,9 @@ pub struct MapperConfig {
     pub oriented_lost: f64,
     /// Of oriented: to where no echo clears, metres.
     pub oriented_clear_m: f64,
-    /// Of oriented: what is left of r0, at least, where the pose is uncertain.
-    pub oriented_doubt_floor: f64,
-    /// τ of first_echo and oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
+    /// τ of oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
+    pub oriented_tempering: f64,
+    /// τ of first_echo, as that of oriented.
     pub tempering: f64,
     /// Radius around the robot within which nothing is, as it stands there, metres; 0: it clears nothing.
     pub footprint_m: Limit,
@@ -223,13 +225,14 @@ impl Default for MapperConfig {
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
+            oriented_prior: 0.004,
             oriented_detection: 0.7,
-            oriented_diffuse: 0.3,
+            oriented_diffuse: 0.15,
             oriented_incidence_deg: 20.0,
             oriented_clutter: 0.4,
             oriented_lost: 0.8,
-            oriented_clear_m: 2.5,
-            oriented_doubt_floor: 0.15,
+            oriented_clear_m: 5.0,
+            oriented_tempering: 1.0,
             tempering: 0.5,
             footprint_m: Limit::Word(LimitWord::Auto),
             remap: true,
@@ -317,6 +320,7 @@ impl MapperConfig {
         probability("echo_detection", self.echo_detection)?;
         probability("echo_clutter", self.echo_clutter)?;
         probability("echo_lost", self.echo_lost)?;
+        probability("oriented_prior", self.oriented_prior)?;
         for (key, value) in [
             ("oriented_detection", self.oriented_detection),
             ("oriented_diffuse", self.oriented_diffuse),
@@ -330,9 +334,9 @@ impl MapperConfig {
         ConfigError::unless(within(incidence_deg, 5.0, 90.0), "oriented_incidence_deg", incidence_deg, degrees)?;
         let clear_m = self.oriented_clear_m;
         ConfigError::unless(within(clear_m, 0.1, 1000.0), "oriented_clear_m", clear_m, "metres, from 0.1 to 1000")?;
-        let floor = self.oriented_doubt_floor;
-        ConfigError::unless(within(floor, 0.01, 1.0), "oriented_doubt_floor", floor, "a number from 0.01 to 1")?;
-        ConfigError::unless(within(self.tempering, 0.0, 10.0), "tempering", self.tempering, "a number from 0 to 10")?;
+        for (key, value) in [("tempering", self.tempering), ("oriented_tempering", self.oriented_tempering)] {
+            ConfigError::unless(within(value, 0.0, 10.0), key, value, "a number from 0 to 10")?;
+        }
         ConfigError::unless(
             (1..=10_000_000).contains(&self.keep_readings_max),
             "keep_readings_max",

@@ -60,11 +60,13 @@ fn mapper_names_the_wrong_key() {
     assert_eq!(mapper_key(|c| c.min_trust = f64::NAN), Some("min_trust"));
     for wrong in [0.0, 1.0, f64::NAN] {
         assert_eq!(mapper_key(|c| c.echo_prior = wrong), Some("echo_prior"), "{wrong}");
+        assert_eq!(mapper_key(|c| c.oriented_prior = wrong), Some("oriented_prior"), "{wrong}");
         assert_eq!(mapper_key(|c| c.echo_detection = wrong), Some("echo_detection"), "{wrong}");
         assert_eq!(mapper_key(|c| c.echo_clutter = wrong), Some("echo_clutter"), "{wrong}");
         assert_eq!(mapper_key(|c| c.echo_lost = wrong), Some("echo_lost"), "{wrong}");
     }
     assert_eq!(mapper_key(|c| c.tempering = -0.1), Some("tempering"));
+    assert_eq!(mapper_key(|c| c.oriented_tempering = -0.1), Some("oriented_tempering"));
     assert_eq!(mapper_key(|c| c.novelty_m = f64::NAN), Some("novelty_m"));
     assert_eq!(mapper_key(|c| c.tiles_every_s = -0.1), Some("tiles_every_s"));
     assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));

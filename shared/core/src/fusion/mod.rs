@@ -224,11 +224,9 @@ impl Fuser {
 }
 
 impl Fuser {
-    /// Where the pose is uncertain less is expected to answer: who does not know where the wall is can't say that it was silent.
     fn oriented_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> OrientedCone {
         let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = sounding.channel.transducer;
         let sigma_z_m = deviations.sigma_z_m;
-        let sureness = self.sigma_z0_m(sounding) / sigma_z_m;
         OrientedCone {
             reading: Oriented {
                 range_m: sounding.range_m,
@@ -237,11 +235,11 @@ impl Fuser {
                 range_cap_m,
                 lost: self.config.oriented_lost,
             },
-            detection: self.config.oriented_detection * sureness.max(self.config.oriented_doubt_floor).min(1.0),
+            detection: self.config.oriented_detection,
             clear_m: self.config.oriented_clear_m,
             aperture_rad,
-            prior_log_odds: log_odds_of(self.config.echo_prior),
-            weight: news * libm::pow(sureness, self.config.tempering),
+            prior_log_odds: log_odds_of(self.config.oriented_prior),
+            weight: news * libm::pow(self.sigma_z0_m(sounding) / sigma_z_m, self.config.oriented_tempering),
             leaves_gaps: sounding.channel.transducer.leaves_gaps,
             draw: draw(sounding.sequence, sounding.reading.transducer),
         }
