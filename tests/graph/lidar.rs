@@ -69,7 +69,11 @@ fn odometry_of_one_and_scans_of_another_are_one_map_whoever_is_killed() {
     // The round room, of which every beam hits the wall.
     let size = summary["extent_m"].as_array().unwrap().iter().map(|side| side.as_f64().unwrap());
     assert!(size.into_iter().all(|side| (3.9..4.4).contains(&side)), "{summary}");
-    assert_eq!(summary["accepted"], summary["readings"], "{summary}");
+    // Whoever of the two ends first: beams of the last turn may have no pose.
+    let refused = summary["refused"].as_array().unwrap();
+    assert!(refused.iter().all(|row| row["reason"] == "no_pose"), "{summary}");
+    let count = |key: &str| summary[key].as_u64().unwrap();
+    assert!(count("readings") - count("accepted") < 2 * 360, "{summary}");
 }
 
 #[test]
