@@ -7,18 +7,30 @@ use anyhow::{Context, Result};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_topics::{Command, Message, Topic};
 
-use super::Runtime;
 use super::memory::Due;
+use super::{Runtime, Stop};
 use crate::Service;
 use crate::store::{Measured, Moment, Spooled, Store};
 
 /// How long a service waits for the next word of its consumers.
 const WORD_WITHIN: Duration = Duration::from_secs(1);
+/// How long a sensor that was asked to stop waits for consumers that it has not met: some may be started again themselves.
+const MEET_WITHIN: Duration = Duration::from_secs(3);
 
 impl Runtime {
-    /// Waits until every consumer has said how far it has come; whether the service may begin.
-    async fn meet_consumers(&mut self) -> Result<bool> {
-        while self.stop().is_none() {
+    /// Waits until every consumer has said how far it has come; whether the service may begin. If it `is_sensor`, it still meets them
+    /// when it was asked to stop: it could not end its streams where they are.
+    async fn meet_consumers(&mut self, is_sensor: bool) -> Result<bool> {
+        let mut asked_until = None;
+        loop {
+            let until = match self.stop() {
+                None => None,
+                Some(Stop::Asked) if is_sensor => Some(*asked_until.get_or_insert(self.now() + MEET_WITHIN)),
+                Some(_) => return Ok(false),
+            };
+            if until.is_some_and(|until| self.now() >= until) {
+                return Ok(false);
+            }
             if self.ports.sinks.iter().all(|sink| !sink.port.topic().resumes() || sink.port.is_met()) {
                 self.set_waits_for(None);
                 return Ok(true);
@@ -26,7 +38,6 @@ impl Runtime {
             self.set_waits_for(self.awaited_output());
             self.attend(WORD_WITHIN).await?;
         }
-        Ok(false)
     }
 
     /// Brings `service` to where an earlier process of it was, as far as its consumers know.
@@ -34,7 +45,7 @@ impl Runtime {
     /// # Errors
     /// What was stored is broken, or of another version.
     pub async fn recover(&mut self, service: &mut impl Service) -> Result<()> {
-        if !self.meet_consumers().await? {
+        if !self.meet_consumers(false).await? {
             return Ok(());
         }
         let latest = self.memory.latest(&self.ports)?;
@@ -92,7 +103,7 @@ impl Runtime {
     /// # Errors
     /// What was stored is broken, or of another version.
     pub async fn begin(&mut self, is_live: bool) -> Result<VecDeque<(u64, Message)>> {
-        self.meet_consumers().await?;
+        self.meet_consumers(true).await?;
         let (mut again, mut sent) = (VecDeque::new(), BTreeMap::new());
         self.memory.take_journal()?;
         if let Some(store) = self.memory.store.as_ref().filter(|_| is_live) {
