@@ -2,7 +2,7 @@
 //!
 //! The robot speaks ARCOS over a serial line or TCP ([`echogrid_arcos`]). A [`Session`] opens the conversation, keeps it up and closes
 //! it; it does no I/O and reads no clock, so every fault of a line can be tried in a test. [`Reports`] turns what the robot tells into
-//! odometry and rings of readings, [`Pioneer`] joins both to a [`Link`](echogrid_line::Link) and finds the robot again when its cable was pulled.
+//! odometry and rings of readings, [`Pioneer`] joins both to a [`Link`] and finds the robot again when its cable was pulled.
 //! [`emulator`] is the other side: any sensor of the graph behind the door of a Pioneer.
 //!
 //! Motors stay off unless the configuration turns them on, and a command to drive counts for a moment only
