@@ -16,6 +16,7 @@ pub const DECLARATION: &str = "[topics.\"walk/halt\"]\ntype = \"harness/Halt/1\"
 #[derive(Debug)]
 pub(super) struct Ear {
     input: DeclaredInput,
+    was_told: bool,
     // Last: ports go before the process leaves the domain.
     _participant: Participant,
 }
@@ -23,12 +24,14 @@ pub(super) struct Ear {
 impl Ear {
     pub(super) fn open(plan: &Plan) -> Result<Self> {
         let participant = Participant::join(&super::domain()?, "ear")?;
-        Ok(Self { input: DeclaredInput::open(&participant, TOPIC, &declared(plan)?)?, _participant: participant })
+        let input = DeclaredInput::open(&participant, TOPIC, &declared(plan)?)?;
+        Ok(Self { input, was_told: false, _participant: participant })
     }
 
-    /// Whether the sensor was told to halt.
+    /// Whether the sensor was told to halt, ever: it may be asked while it still has something to send.
     pub(super) fn was_told(&mut self) -> Result<bool> {
-        Ok(self.input.receive()?.is_some())
+        self.was_told |= self.input.receive()?.is_some();
+        Ok(self.was_told)
     }
 }
 
