@@ -62,7 +62,9 @@ fn judged_last(error: anyhow::Error) -> anyhow::Error {
 /// A step failed, or the outside refuses.
 pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<()> {
     let mut out = Outbox::default();
-    runtime.recover(service).await?;
+    if !runtime.recover(service).await? {
+        return runtime.leave();
+    }
     runtime.set_state(ServiceState::Running)?;
     tracing::info!("ready");
     let mut patience = Duration::ZERO;
@@ -204,6 +206,10 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
             }
             patience = pace.until(stamp_ns, runtime.now());
             if patience.is_zero() && runtime.send(stamp_ns, &message)? {
+                if is_live {
+                    // The next may be waited for within `next`.
+                    runtime.ring()?;
+                }
                 continue;
             }
             if patience.is_zero() {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, ensure};
 use echogrid_service::mutants::Mutant;
 use echogrid_supervision::config::{Restart, SupervisionConfig};
-use echogrid_supervision::{Clock, Event, Role, Settings, Supervision, Unit, Wiring};
+use echogrid_supervision::{Clock, Event, Role, Settings, Supervision, Wiring};
 use echogrid_topics::memory::Bus;
 use echogrid_topics::{Health, Input, MapInfo, Message, Output, Received, ServiceState, Topic};
 
@@ -40,8 +40,6 @@ pub(crate) struct Launcher {
     looks_at: Duration,
     /// The user has it end the run.
     pub(crate) wants_stop: bool,
-    /// It did so when the sensor was not there to end its streams.
-    pub(crate) stopped_early: bool,
     /// Somebody was taken for hanging, and how that was known.
     pub(crate) blamed: Option<String>,
 }
@@ -69,7 +67,6 @@ impl Launcher {
             clean_at: None,
             looks_at: now,
             wants_stop: false,
-            stopped_early: false,
             blamed: None,
         })
     }
@@ -83,7 +80,6 @@ impl Launcher {
         self.looks_at = now + LOOKS_EVERY;
         self.services.is_now(self.clock.look(world.borrow().time()));
         if self.wants_stop && !self.services.stopped {
-            self.stopped_early = !self.services.units.iter().filter(|unit| unit.is_source()).all(Unit::is_ready);
             self.services.stop();
         }
         self.hear()?;

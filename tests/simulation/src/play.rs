@@ -42,7 +42,7 @@ enum Given {
     All,
     /// So many messages, as the user ended the run.
     Only(u64),
-    /// The user ended the run before the sensor was there to end it: the streams end where they happened to be.
+    /// The user ended the run, and no sensor came back to end it: the streams end where they happened to be.
     Unknown,
 }
 
@@ -59,8 +59,6 @@ pub(crate) struct Play<'a> {
     run: u64,
     /// The user ended it, in any life of its launcher.
     is_stopped: bool,
-    /// It did so when the sensor was not there to end its streams.
-    is_stopped_early: bool,
     /// It failed, as a service died too often.
     has_failed: bool,
     played: Played,
@@ -80,7 +78,6 @@ impl<'a> Play<'a> {
             was_tidying: false,
             run: 0,
             is_stopped: false,
-            is_stopped_early: false,
             has_failed: false,
             played: Played::default(),
         }
@@ -140,7 +137,7 @@ impl<'a> Play<'a> {
         self.bus = Bus::new(Box::new(Chance(self.world.clone())));
         let Ok(run) = open_spool(&self.world, process, drive) else { return Ok(self.launcher_died(process)) };
         if run != self.run {
-            (self.run, self.is_stopped, self.is_stopped_early, self.has_failed) = (run, false, false, false);
+            (self.run, self.is_stopped, self.has_failed) = (run, false, false);
             // What lies there is of an earlier run, and the real launcher tells it from its own.
             self.world.borrow_mut().disk.map = None;
         }
@@ -163,7 +160,6 @@ impl<'a> Play<'a> {
                 return Err(Failure(format!("taken for hanging, and nobody hangs here: {blamed}")));
             }
             self.is_stopped |= launcher.services.stopped;
-            self.is_stopped_early |= launcher.stopped_early;
             if !lives {
                 return Ok(self.launcher_died(process));
             }
@@ -191,8 +187,8 @@ impl<'a> Play<'a> {
         let last = sensor.filter(|sensor| sensor.stage == Stage::Done).and_then(|sensor| sensor.health.as_ref());
         let given = match last.filter(|health| health.state == ServiceState::Finished) {
             _ if !self.is_stopped => Given::All,
-            Some(health) if !self.is_stopped_early => Given::Only(health.progress),
-            _ => Given::Unknown,
+            Some(health) => Given::Only(health.progress),
+            None => Given::Unknown,
         };
         let map = self.world.borrow().disk.map.clone();
         let was_mapped = launcher.info.as_ref().is_some_and(|info| info.cells_known > 0);

@@ -5,7 +5,7 @@
 //! acknowledged. Gone back to an older state, a service reads the same and writes the same again, and who has it already
 //! skips it.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -68,13 +68,21 @@ impl Memory {
         }
     }
 
+    /// Whether an earlier process of the service stored something.
+    ///
+    /// # Errors
+    /// What was stored is broken.
+    pub(crate) fn had_life(&self) -> Result<bool> {
+        self.store.as_ref().map_or(Ok(false), |store| Ok(!moments_in(store)?.is_empty()))
+    }
+
     /// The latest stored state that goes with what those downstream have stored.
     ///
     /// # Errors
     /// What was stored is broken, or there is none as old as that.
     pub(crate) fn latest(&self, ports: &Ports) -> Result<Option<(u64, Moment)>> {
         let Some(store) = &self.store else { return Ok(None) };
-        let moments = store.moments().with_context(|| store.file().display().to_string())?;
+        let moments = moments_in(store)?;
         let had_moments = !moments.is_empty();
         let latest = moments
             .into_iter()
@@ -244,6 +252,11 @@ impl Memory {
             self.generations.pop_front();
         }
     }
+}
+
+/// The states that are stored.
+fn moments_in(store: &Store) -> Result<BTreeMap<u64, Moment>> {
+    store.moments().with_context(|| store.file().display().to_string())
 }
 
 /// How far everything has come.

@@ -14,21 +14,14 @@ use crate::store::{Measured, Moment, Spooled, Store};
 
 /// How long a service waits for the next word of its consumers.
 const WORD_WITHIN: Duration = Duration::from_secs(1);
-/// How long a sensor that was asked to stop waits for consumers that it has not met: some may be started again themselves.
-const MEET_WITHIN: Duration = Duration::from_secs(3);
 
 impl Runtime {
-    /// Waits until every consumer has said how far it has come; whether the service may begin. If it `is_sensor`, it still meets them
-    /// when it was asked to stop: it could not end its streams where they are.
-    async fn meet_consumers(&mut self, is_sensor: bool) -> Result<bool> {
-        let mut asked_until = None;
+    /// Waits until every consumer has said how far it has come; whether the service may begin. If it `must` meet them, it does so
+    /// when it was asked to stop, too: it could not end its streams where they are, or go on from what it had stored.
+    async fn meet_consumers(&mut self, must: bool) -> Result<bool> {
         loop {
-            let until = match self.stop() {
-                None => None,
-                Some(Stop::Asked) if is_sensor => Some(*asked_until.get_or_insert(self.now() + MEET_WITHIN)),
-                Some(_) => return Ok(false),
-            };
-            if until.is_some_and(|until| self.now() >= until) {
+            // Who is on its way comes, and who does not is gone for good: the launcher says so.
+            if self.stop().is_some_and(|stop| !must || stop != Stop::Asked) {
                 return Ok(false);
             }
             if self.ports.sinks.iter().all(|sink| !sink.port.topic().resumes() || sink.port.is_met()) {
@@ -40,13 +33,15 @@ impl Runtime {
         }
     }
 
-    /// Brings `service` to where an earlier process of it was, as far as its consumers know.
+    /// Brings `service` to where an earlier process of it was, as far as its consumers know. Whether it is there: asked to
+    /// stop, it may meet nobody who could tell, and what comes in is not for it then.
     ///
     /// # Errors
     /// What was stored is broken, or of another version.
-    pub async fn recover(&mut self, service: &mut impl Service) -> Result<()> {
-        if !self.meet_consumers(false).await? {
-            return Ok(());
+    pub async fn recover(&mut self, service: &mut impl Service) -> Result<bool> {
+        let had_life = self.memory.had_life()?;
+        if !self.meet_consumers(had_life).await? {
+            return Ok(!had_life);
         }
         let latest = self.memory.latest(&self.ports)?;
         let moment = latest.as_ref().map(|(_, moment)| moment.clone()).unwrap_or_default();
@@ -68,7 +63,7 @@ impl Runtime {
             // The beginning is gone back to as well, while those downstream have stored nothing.
             self.store_now(service)?;
         }
-        Ok(())
+        Ok(true)
     }
 
     fn go_to(&mut self, moment: &Moment) {
