@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use anyhow::Result;
 use echogrid_topics::Delivery;
+use echogrid_topics::domain::{SHM, states_bytes};
 
 use crate::cli::Files;
 use crate::config::{Config, Exec, LoadRequest, json_schema_of_graphs, json_schema_of_robots, render};
@@ -57,6 +58,9 @@ fn graph(config: &Config) -> String {
         let _ = writeln!(text, "and is then said to: {}", asked.join(", "));
     }
     text += "in parentheses: who only looks on; nobody waits for it\n";
+    let states = states_bytes(config.mapper.kept_bytes_max()).div_ceil(1 << 20);
+    let _ =
+        writeln!(text, "what the services store of themselves: at most {states} MiB, in {SHM} if that is free there");
     text
 }
 

@@ -132,6 +132,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         services: &config.services,
         topics: &config.topics,
         plan,
+        kept_bytes: config.mapper.kept_bytes_max(),
         log_filter: view.log_level.as_deref(),
         log_json: view.logs_json(),
         alive_within: Duration::from_secs_f64(config.run.alive_within_s),

@@ -22,7 +22,7 @@ impl Ports {
     pub(super) fn create(graph: &mut Graph<'_>) -> Result<Self> {
         let owner = Owner::create(graph.domain.clone(), needs(graph, &names(graph)))?;
         if graph.plan.state.is_none() {
-            graph.plan.state = Some(owner.state_dir()?);
+            graph.plan.state = Some(owner.state_dir(graph.kept_bytes)?);
         }
         graph.plan.write(owner.domain())?;
         let participant = owner.participant();

@@ -21,6 +21,8 @@ pub struct Graph<'a> {
     pub topics: &'a BTreeMap<String, DeclaredTopic>,
     /// What they are told.
     pub plan: Plan,
+    /// The most bytes that they store of themselves besides maps.
+    pub kept_bytes: u64,
     /// What they log (`ECHOGRID_LOG`); none: as the environment says.
     pub log_filter: Option<&'a str>,
     /// Whether they log as JSON.

@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     fn judge(facts: &Facts) -> Vec<Finding> {
-        facts.judge(&Need::for_scans(16, 5, None))
+        facts.judge(&Need::usual())
     }
 
     #[test]

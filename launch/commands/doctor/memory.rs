@@ -22,6 +22,7 @@ impl Facts {
             }
         };
         let mut findings = vec![room(memory, need)];
+        findings.push(states(memory, need));
         findings.extend(files(memory, files_needed(need.services)));
         findings.extend(kind(memory));
         findings
@@ -55,6 +56,19 @@ fn room(memory: &SharedMemory, need: &Need) -> Finding {
         ("needed_bytes", needed),
         ("promised_bytes", promised_bytes),
     ])
+}
+
+/// Where services will store their states, beside the topics.
+fn states(memory: &SharedMemory, need: &Need) -> Finding {
+    let states = need.states_bytes;
+    let room = memory.free_bytes.saturating_sub(need.shared_bytes);
+    let place = if room < states {
+        format!("in {}, as there is less room in {SHM} beside the topics", std::env::temp_dir().display())
+    } else {
+        format!("in {SHM}")
+    };
+    let text = format!("of the services take at most {} MiB, {place}", states.div_ceil(1 << 20));
+    Finding::ok("states", text).with([("needed_bytes", states), ("room_bytes", room)])
 }
 
 fn files(memory: &SharedMemory, needed: u64) -> Option<Finding> {
@@ -100,18 +114,31 @@ mod tests {
     };
 
     fn verdicts(memory: SharedMemory) -> Vec<(&'static str, Verdict)> {
-        let need = Need::for_scans(16, 5, None);
+        let need = Need::usual();
         Facts(Ok(memory)).judge(&need).iter().map(|finding| (finding.check, finding.verdict)).collect()
     }
 
     #[test]
     fn a_container_is_large_enough() {
-        assert_eq!(verdicts(GOOD), [("shared memory", Verdict::Ok), ("inodes", Verdict::Ok)]);
+        assert_eq!(verdicts(GOOD), [("shared memory", Verdict::Ok), ("states", Verdict::Ok), ("inodes", Verdict::Ok)]);
+    }
+
+    #[test]
+    fn states_lie_where_there_is_room() {
+        let mut need = Need::usual();
+        let place = |need: &Need, memory| states(memory, need).text;
+        assert!(place(&need, &GOOD).contains("as there is less room"));
+        let large = SharedMemory { total_bytes: 2 << 30, free_bytes: 2 << 30, ..GOOD };
+        assert!(place(&need, &large).ends_with("MiB, in /dev/shm"));
+        need.states_bytes = 4 << 30;
+        assert!(
+            place(&need, &large).contains("4096 MiB, in ") && place(&need, &large).contains("as there is less room")
+        );
     }
 
     #[test]
     fn too_little_is_a_problem_with_the_size_that_mends_it() {
-        let need = Need::for_scans(16, 5, None);
+        let need = Need::usual();
         let small = SharedMemory { total_bytes: 16 << 20, free_bytes: 8 << 20, ..GOOD };
         let finding = room(&small, &need);
         assert_eq!(finding.verdict, Verdict::Problem);
@@ -127,11 +154,11 @@ mod tests {
 
     #[test]
     fn files_disks_and_permissions() {
-        assert_eq!(verdicts(SharedMemory { free_inodes: Some(10), ..GOOD })[1], ("inodes", Verdict::Problem));
-        assert_eq!(verdicts(SharedMemory { free_inodes: None, ..GOOD }).len(), 1);
-        assert_eq!(verdicts(SharedMemory { is_tmpfs: false, ..GOOD })[2], ("tmpfs", Verdict::Warning));
-        assert_eq!(verdicts(SharedMemory { is_writable: false, ..GOOD })[2], ("tmpfs", Verdict::Problem));
+        assert_eq!(verdicts(SharedMemory { free_inodes: Some(10), ..GOOD })[2], ("inodes", Verdict::Problem));
+        assert_eq!(verdicts(SharedMemory { free_inodes: None, ..GOOD }).len(), 2);
+        assert_eq!(verdicts(SharedMemory { is_tmpfs: false, ..GOOD })[3], ("tmpfs", Verdict::Warning));
+        assert_eq!(verdicts(SharedMemory { is_writable: false, ..GOOD })[3], ("tmpfs", Verdict::Problem));
         let none = Facts(Err("/dev/shm: No such file or directory".into()));
-        assert_eq!(none.judge(&Need::for_scans(16, 5, None))[0].verdict, Verdict::Problem);
+        assert_eq!(none.judge(&Need::usual())[0].verdict, Verdict::Problem);
     }
 }

@@ -57,7 +57,7 @@ pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
 
 /// A process that can't map what it needs may die without a word, so that is looked at before anything is started.
 pub(super) fn require_addresses(config: &Config, survey: Option<&LogSurvey>) -> Result<()> {
-    let need = Need::for_scans(max_readings(config, survey), config.services.len() as u64, None);
+    let need = Need::for_scans(max_readings(config, survey), config);
     match limits::Facts::gather().too_few_addresses(&need) {
         Some(finding) => bail!("{}: {} (`echogrid doctor` says what mends it)", finding.check, finding.text),
         None => Ok(()),
@@ -66,7 +66,7 @@ pub(super) fn require_addresses(config: &Config, survey: Option<&LogSurvey>) -> 
 
 /// What of this machine may be to blame for a graph that failed: shared memory and limits that are less than it can need.
 pub(super) fn blame(config: &Config, survey: Option<&LogSurvey>) -> Option<String> {
-    let need = Need::for_scans(max_readings(config, survey), config.services.len() as u64, None);
+    let need = Need::for_scans(max_readings(config, survey), config);
     let findings = memory::Facts::gather().judge(&need).into_iter().chain(limits::Facts::gather().judge(&need));
     let problems: Vec<String> = findings
         .filter(|finding| finding.verdict == Verdict::Problem)

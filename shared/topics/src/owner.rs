@@ -70,12 +70,12 @@ impl Owner {
         Ok(())
     }
 
-    /// A folder, made now, in which services store their states. It outlives what is made anew.
+    /// A folder, made now, in which services store their states, of at most `kept_bytes` besides maps. It outlives what is made anew.
     ///
     /// # Errors
     /// The system refuses.
-    pub fn state_dir(&self) -> Result<PathBuf, TopicError> {
-        Ok(self.claim.state_dir()?)
+    pub fn state_dir(&self, kept_bytes: u64) -> Result<PathBuf, TopicError> {
+        Ok(self.claim.state_dir(kept_bytes)?)
     }
 
     /// The launcher as a process of its own domain.

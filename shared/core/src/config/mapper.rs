@@ -252,7 +252,20 @@ impl Default for MapperConfig {
     }
 }
 
+/// What a reading that is kept takes at most where a mapper is saved, bytes …
+const KEPT_BYTES: u64 = 96;
+/// … and one that a fix may change, with the estimate that it was fused at.
+const REMAP_BYTES: u64 = 256;
+
 impl MapperConfig {
+    /// The most bytes that readings which are kept, for `why` or for a fix, take in what a mapper saves.
+    #[must_use]
+    pub fn kept_bytes_max(&self) -> u64 {
+        let of = |is_asked: bool, readings: u32, bytes: u64| if is_asked { u64::from(readings) * bytes } else { 0 };
+        of(self.keep_readings, self.keep_readings_max, KEPT_BYTES)
+            + of(self.remap, self.remap_readings_max, REMAP_BYTES)
+    }
+
     /// Every value within its range, or the first that is not. (Whether the robot has the sonars that are named is
     /// checked by [`crate::GridMapper::new`], which knows the robot.)
     ///

@@ -4,6 +4,7 @@
 //! (an order of the user, a fix) goes into a journal before it takes effect, with the place that it took effect at.
 
 mod file;
+mod packed;
 mod shelf;
 #[cfg(test)]
 mod tests;
@@ -228,7 +229,7 @@ impl Store {
             return Ok(decode::<Snapshot>(&bytes)?.state);
         }
         let parts = self.shelf.range(Table::Parts, &[])?;
-        parts.into_iter().map(|(name, bytes)| Ok((String::from_utf8(name)?, bytes))).collect()
+        parts.into_iter().map(|(name, bytes)| Ok((String::from_utf8(name)?, packed::unpack(&bytes)?))).collect()
     }
 
     /// Stores a snapshot, and lets go of generations before `oldest`; its generation.
@@ -243,7 +244,10 @@ impl Store {
             match (self.keeps_generations, bytes) {
                 (true, Some(bytes)) => drop(state.insert(name, bytes)),
                 (true, None) => {}
-                (false, bytes) => all.push(Change { table: Table::Parts, key: name.into_bytes(), value: bytes }),
+                (false, bytes) => {
+                    let value = bytes.map(|bytes| packed::pack(&bytes));
+                    all.push(Change { table: Table::Parts, key: name.into_bytes(), value });
+                }
             }
         }
         let oldest = if self.keeps_generations { oldest } else { generation };

@@ -36,7 +36,7 @@ const LONGEST_NAME: usize = 20;
 /// How long processes of a launcher that died may take to leave before a new one gives up.
 const ORPHANS_LEAVE_WITHIN: Duration = Duration::from_secs(5);
 /// Shared memory that must be free beyond what the topics need, for states to be stored there: several large maps.
-const STATES_BYTES: u64 = 256 << 20;
+const MAPS_BYTES: u64 = 256 << 20;
 /// How long others may hold a domain's lock only to look at it.
 const GLANCES_END_WITHIN: Duration = Duration::from_secs(1);
 
@@ -44,6 +44,13 @@ const GLANCES_END_WITHIN: Duration = Duration::from_secs(1);
 #[must_use]
 pub fn base_of(uid: u32) -> PathBuf {
     PathBuf::from(format!("{SHM}/echogrid-{uid}"))
+}
+
+/// Shared memory that must be free for states of at most `kept_bytes` besides maps to be stored there; else they are in the folder for
+/// temporary files.
+#[must_use]
+pub fn states_bytes(kept_bytes: u64) -> u64 {
+    MAPS_BYTES.saturating_add(kept_bytes)
 }
 
 /// A domain by its name; nothing is touched before it is claimed or joined.
@@ -264,13 +271,14 @@ impl Claim {
         &self.domain
     }
 
-    /// A folder, made now, in which services store their states. It outlives shared memory that is made anew, and goes with the claim.
+    /// A folder, made now, in which services store their states, of at most `kept_bytes` besides maps. It outlives shared memory that
+    /// is made anew, and goes with the claim.
     ///
     /// # Errors
     /// The system refuses.
-    pub fn state_dir(&self) -> Result<PathBuf, DomainError> {
+    pub fn state_dir(&self, kept_bytes: u64) -> Result<PathBuf, DomainError> {
         let [in_memory, on_disk] = self.domain.states();
-        let folder = if check_memory(STATES_BYTES, 0).is_ok() { in_memory } else { on_disk };
+        let folder = if check_memory(states_bytes(kept_bytes), 0).is_ok() { in_memory } else { on_disk };
         // `/tmp` is everybody's, and the name can be guessed.
         make_new(&folder, self.domain.uid)?;
         Ok(folder)
