@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use echogrid_topics::velocity::{DRIVE_COMMAND, Velocity};
 use echogrid_topics::{DeclaredTopic, Topic};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -93,6 +94,22 @@ pub(crate) fn topics(settings: &[Setting], origins: &Origins) -> Result<BTreeMap
             Ok(topic) => drop(topics.insert(name.to_owned(), topic)),
             Err(error) => add("", None, error.message().replace('\n', " ")),
         }
+    }
+    let is_mentioned = |setting: &Setting| {
+        matches!(setting.path.as_slice(), [services, _, _] if services == "services")
+            && setting.value.as_array().is_some_and(|all| all.iter().any(|one| one.as_str() == Some(DRIVE_COMMAND)))
+    };
+    match topics.get(DRIVE_COMMAND) {
+        None if settings.iter().any(is_mentioned) => drop(topics.insert(DRIVE_COMMAND.to_owned(), Velocity::topic())),
+        Some(declared) if *declared != Velocity::topic() => {
+            let key = dotted(&[TOPIC.name, DRIVE_COMMAND]);
+            let message = format!(
+                "sensors that drive read this topic as {}; leave it out, or call yours otherwise",
+                Velocity::topic().type_name
+            );
+            problems.push(Problem { origin: origins.get(&key).cloned(), key, value: None, message });
+        }
+        _ => {}
     }
     if problems.is_empty() { Ok(topics) } else { Err(problems) }
 }
@@ -222,11 +239,19 @@ fn miswired(draft: &Draft, exec: &Exec) -> Option<(&'static str, String)> {
     let who = if draft.speaks.is_some() { "a program that prints lines".to_owned() } else { exec.to_string() };
     let could: Vec<&str> = declaration.writes.iter().map(|topic| topic.name()).collect();
     let is_sensor = could.contains(&Topic::RangeScan.name());
-    match (draft.wiring.key()?, &draft.wiring.writes) {
+    let is_driven = declaration.orders.contains(&"drive") && draft.wiring.looks_on.is_none();
+    let key = match &draft.wiring.reads {
+        Some(reads) if is_driven && reads.iter().all(|topic| topic == DRIVE_COMMAND) => {
+            draft.wiring.writes.is_some().then_some("writes").or(draft.wiring.source.is_some().then_some("source"))
+        }
+        _ => draft.wiring.key(),
+    };
+    match (key?, &draft.wiring.writes) {
         ("writes", Some(writes)) if is_sensor && !writes.is_empty() && draft.wiring.source.is_none() => {
             let stray = writes.iter().find(|topic| !could.contains(&topic.as_str()))?;
             Some(("writes", format!("{who} does not write {stray}; expected some of {}", could.join(", "))))
         }
+        ("reads", _) if is_driven => Some(("reads", format!("{who} reads {DRIVE_COMMAND}, or nothing"))),
         (key, _) => Some((key, format!("{who} says itself what it reads and writes; this is for executables"))),
     }
 }

@@ -148,7 +148,8 @@ fn service_problems(config: &Config, name: &str, service: &Service, origins: &Or
 /// Topics that there are not, or that it can't be waited for on.
 fn wiring_problems(config: &Config, name: &str, service: &Service, origins: &Origins) -> Vec<Problem> {
     let mut found = Vec::new();
-    if matches!(service.exec, Exec::Builtin(_)) {
+    let is_said = |key: &str| origins.get(&format!("services.{name}.{key}")).is_some();
+    if matches!(service.exec, Exec::Builtin(_)) && !is_said("reads") {
         return found;
     }
     let Wiring { reads, looks_on, writes, .. } = &service.wiring;
@@ -172,7 +173,6 @@ fn wiring_problems(config: &Config, name: &str, service: &Service, origins: &Ori
     if reads.len() > MAX_ACKS {
         add("reads", &reads.join(", "), format!("these are {} topics; expected at most {MAX_ACKS}", reads.len()));
     }
-    let is_said = |key: &str| origins.get(&format!("services.{name}.{key}")).is_some();
     for topic in reads.iter().filter(|_| is_said("reads")) {
         if !config.services.values().any(|other| other.wiring.writes.contains(topic)) {
             add("reads", topic, "nobody in the graph writes it, so that it would be waited for in vain".to_owned());

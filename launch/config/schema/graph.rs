@@ -132,7 +132,7 @@ pub(crate) static SERVICE: Section = Section {
         key(
             "reads",
             "a list of topics",
-            "what an executable reads, so that producers wait for it; unsaid: as its role does",
+            "what an executable reads, so that producers wait for it; unsaid: as its role does. Of a built-in sensor that drives: drive/command",
         ),
         key("looks_on", "a list of topics", "what it takes without anybody waiting for it"),
         key("writes", "a list of topics", "what it writes; unsaid: as its role does"),

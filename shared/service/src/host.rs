@@ -52,23 +52,30 @@ pub enum Told {
 
 /// Where the orders of the user arrive.
 pub trait Orders: core::fmt::Debug {
-    /// Answers the orders that have come; `carry_out`, which hears the number of the order, too, says what was done, or why not.
+    /// Answers the orders that have come; `carry_out`, which hears the number of the order, too, says what was done, or why not. What
+    /// a planner says again and again has no number.
     ///
     /// # Errors
     /// Shared memory refuses.
-    fn serve(&mut self, carry_out: &mut dyn FnMut(u64, Command) -> Result<String, String>) -> Result<(), TopicError>;
+    fn serve(
+        &mut self,
+        carry_out: &mut dyn FnMut(Option<u64>, Command) -> Result<String, String>,
+    ) -> Result<(), TopicError>;
 
     /// Readable when there may be an order; none where nobody could wait for it.
-    fn fd(&self) -> Option<BorrowedFd<'_>>;
+    fn fds(&self) -> Vec<BorrowedFd<'_>>;
 }
 
 impl Orders for ControlServer {
-    fn serve(&mut self, carry_out: &mut dyn FnMut(u64, Command) -> Result<String, String>) -> Result<(), TopicError> {
-        Self::serve(self, carry_out)
+    fn serve(
+        &mut self,
+        carry_out: &mut dyn FnMut(Option<u64>, Command) -> Result<String, String>,
+    ) -> Result<(), TopicError> {
+        Self::serve(self, &mut |order, command| carry_out(Some(order), command))
     }
 
-    fn fd(&self) -> Option<BorrowedFd<'_>> {
-        Some(Self::fd(self))
+    fn fds(&self) -> Vec<BorrowedFd<'_>> {
+        vec![Self::fd(self)]
     }
 }
 

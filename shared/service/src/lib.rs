@@ -6,6 +6,7 @@
 
 pub mod conformance;
 mod declaration;
+mod driven;
 pub mod host;
 pub mod life;
 pub mod lifeline;

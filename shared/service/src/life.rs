@@ -70,7 +70,7 @@ pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     let mut patience = Duration::ZERO;
     while runtime.stop().is_none() {
         runtime.attend(patience).await?;
-        runtime.serve(None, |command| service.command(command, &mut out))?;
+        runtime.serve(None, false, |command| service.command(command, &mut out))?;
         runtime.welcome_newcomers(service, &mut out);
         let mut steps = 0;
         let begun = runtime.now();
@@ -159,7 +159,7 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     // Asked to stop, it goes on at full speed to where an earlier life ended, or no consumer has more of it.
     'playing: while runtime.stop().is_none() || (runtime.stop() == Some(Stop::Asked) && !runtime.may_end()) {
         runtime.attend(patience).await?;
-        runtime.serve(Some(made), |command| sensor.command(command))?;
+        runtime.serve(Some(made), is_live, |command| sensor.command(command))?;
         patience = Duration::ZERO;
         runtime.set_waits_for(None);
         runtime.set_note(sensor.note());

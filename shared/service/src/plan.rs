@@ -82,6 +82,13 @@ impl Plan {
         said.is_none_or(|said| said.iter().any(|name| name.as_str() == Some(topic.name())))
     }
 
+    /// Whether a service reads the topic of this name, as the graph file says.
+    pub(crate) fn reads(&self, service: &str, topic: &str) -> bool {
+        let of_service = self.config.get("services").and_then(|services| services.get(service));
+        let said = of_service.and_then(|service| service.get("reads")).and_then(toml::Value::as_array);
+        said.into_iter().flatten().any(|name| name.as_str() == Some(topic))
+    }
+
     /// Whom the producer of `topic` waits for.
     #[must_use]
     pub fn consumers_of(&self, topic: Topic) -> &[String] {

@@ -17,6 +17,7 @@ mod shape;
 mod shared_memory;
 mod table;
 pub mod topic;
+pub mod velocity;
 mod window;
 pub mod wire;
 

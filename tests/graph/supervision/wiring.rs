@@ -58,6 +58,29 @@ fn a_publisher_that_reads_less_than_it_is_waited_for_is_named_and_nobody_else_is
 
 /// A robot that drives until whoever reads its map has seen enough: without the declared topic it would drive for ever.
 #[test]
+fn a_planner_drives_the_robot_by_the_topic_for_it() {
+    let drive = Drive::new(0.5);
+    let sensor = |reads: &str| {
+        format!(
+            "[services.sensor]\nkind = \"sensor\"\nexec = \"builtin:simulator\"\n{reads}\n[simulator]\nduration_s = 20"
+        )
+    };
+    let on_tour = GraphFile::new(&drive, "tour").with(&sensor("")).start(&[]).wait();
+    assert!(on_tour.summary()["distance_m"].as_f64().is_some_and(|driven_m| driven_m > 4.0), "{}", on_tour.stdout);
+    let halted = GraphFile::new(&drive, "halted").with(&sensor("reads = [\"drive/command\"]")).fault(
+        "planner",
+        "other",
+        Mode::Halts,
+        5,
+        "reads = [\"map/info\"]\nwrites = [\"drive/command\"]",
+    );
+    let halted = halted.start(&["run.rate=10"]).wait();
+    assert!(halted.status.success(), "{}", halted.stderr);
+    assert_eq!((halted.restarts(), halted.leftovers()), (0, NOTHING), "{}", halted.stderr);
+    assert!(halted.summary()["distance_m"].as_f64().is_some_and(|driven_m| driven_m < 3.0), "{}", halted.stdout);
+}
+
+#[test]
 fn a_loop_over_a_declared_topic_runs_to_its_end_and_is_stopped_in_order() {
     let drive = Drive::new(0.5);
     let file = GraphFile::new(&drive, "loop")

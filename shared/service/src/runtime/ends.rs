@@ -7,6 +7,7 @@ use super::Runtime;
 use super::memory::Memory;
 use super::ports::Ports;
 use super::vitals::Vitals;
+use crate::driven::Driven;
 use crate::host::{Host, Orders, System};
 use crate::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, Plan, SERVICE_VARIABLE};
 use crate::store::Store;
@@ -70,7 +71,7 @@ impl Runtime {
         let store = folder.map(|folder| {
             Store::open(&folder.join(format!("{name}.redb")), plan.epoch, plan.synced, keeps_generations)
         });
-        let orders = orders.map(|orders| Box::new(orders) as Box<dyn Orders>);
+        let orders = orders.map(|orders| Driven::over(orders, &participant, &plan, &name)).transpose()?;
         let store = store.transpose()?;
         Ok(Self::new(Ends { name, plan, host, inputs, outputs, mouth, ear, orders, store }, Some(participant)))
     }

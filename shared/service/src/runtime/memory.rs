@@ -26,6 +26,8 @@ const LATE: u64 = 2;
 
 /// As many people as can give orders at the same time.
 const ORDERS_KNOWN: usize = 8;
+/// The number of what a planner says.
+const NO_ORDER: u64 = 0;
 
 /// Whether it is time to store.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,7 +131,7 @@ impl Memory {
     /// The orders that had been carried out by a moment, and those that are carried out again after it.
     pub(crate) fn know_orders(&mut self, moment: &Moment) {
         let again = self.replaying.iter().filter_map(|entry| match entry.what {
-            Unrepeatable::Command(order, _) => Some(order),
+            Unrepeatable::Command(order, _) if order != NO_ORDER => Some(order),
             _ => None,
         });
         let all: Vec<u64> = moment.orders.iter().copied().chain(again).collect();
@@ -148,10 +150,16 @@ impl Memory {
     }
 
     /// Likewise an order of the user.
-    pub(crate) fn write_down_order(&mut self, at: &[u64], stamp_ns: u64, order: u64, command: Command) -> Result<()> {
-        let what = Unrepeatable::Command(order, command);
+    pub(crate) fn write_down_order(
+        &mut self,
+        at: &[u64],
+        stamp_ns: u64,
+        order: Option<u64>,
+        command: Command,
+    ) -> Result<()> {
+        let what = Unrepeatable::Command(order.unwrap_or(NO_ORDER), command);
         self.store.as_mut().map_or(Ok(()), |store| store.write_down(&Entry { at: at.to_vec(), stamp_ns, what }))?;
-        self.know_order(order);
+        order.into_iter().for_each(|order| self.know_order(order));
         Ok(())
     }
 

@@ -194,7 +194,12 @@ impl Runtime {
     ///
     /// # Errors
     /// Shared memory refuses, or the disk does.
-    pub fn serve(&mut self, at: Option<u64>, mut carry_out: impl FnMut(Command) -> Result<String>) -> Result<()> {
+    pub fn serve(
+        &mut self,
+        at: Option<u64>,
+        is_live: bool,
+        mut carry_out: impl FnMut(Command) -> Result<String>,
+    ) -> Result<()> {
         if !self.memory.replaying.is_empty() {
             // First those of earlier lives.
             return Ok(());
@@ -203,16 +208,18 @@ impl Runtime {
         let Some(orders) = &mut self.orders else { return Ok(()) };
         let (memory, stamp_ns) = (&mut self.memory, self.vitals.stamp_ns);
         let mut known = memory.orders.clone();
-        let mut write_down = |order, command: Command| match command {
+        let mut write_down = |order: Option<u64>, command: Command| match command {
             // It changes no map.
             Command::Save | Command::Tiles => Ok(()),
+            // What comes of it is measured.
+            Command::Drive { .. } if is_live && order.is_none() => Ok(()),
             _ => memory.write_down_order(&at, stamp_ns, order, command),
         };
         Ok(orders.serve(&mut |order, command| {
-            if known.contains(&order) {
+            if order.is_some_and(|order| known.contains(&order)) {
                 return Ok("told before this process was started, in place of another; it counts".into());
             }
-            known.push_back(order);
+            known.extend(order);
             let done = write_down(order, command).and_then(|()| carry_out(command));
             done.map_err(|error| in_words(&error))
         })?)
@@ -304,7 +311,7 @@ impl Runtime {
             let mut fds: Vec<BorrowedFd<'_>> = ports.sources.iter().filter_map(|source| source.port.fd()).collect();
             let (ear, host) = vitals.ear_and_host();
             fds.extend(ear.fd());
-            fds.extend(self.orders.as_ref().and_then(|orders| orders.fd()));
+            fds.extend(self.orders.iter().flat_map(|orders| orders.fds()));
             host.poll_wait(&fds, patience)
         });
         let woken = woken.await?;

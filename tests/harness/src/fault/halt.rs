@@ -1,10 +1,11 @@
-//! A loop in the graph: who reads the map tells the sensor to halt, on a topic that the graph file declares.
+//! A loop in the graph: who reads the map tells the sensor to halt, on a topic that the graph file declares or on `drive/command`.
 
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_service::{Input, Outbox, Plan, Service, process};
+use echogrid_topics::velocity::{DRIVE_COMMAND, Velocity};
 use echogrid_topics::{DeclaredInput, DeclaredOutput, DeclaredTopic, Message, Participant, Topic};
 
 /// The topic that tells the sensor to halt.
@@ -24,7 +25,7 @@ pub(super) struct Ear {
 impl Ear {
     pub(super) fn open(plan: &Plan) -> Result<Self> {
         let participant = Participant::join(&super::domain()?, "ear")?;
-        let input = DeclaredInput::open(&participant, TOPIC, &declared(plan)?)?;
+        let input = DeclaredInput::open(&participant, TOPIC, &declared(plan, TOPIC)?)?;
         Ok(Self { input, was_told: false, _participant: participant })
     }
 
@@ -35,9 +36,9 @@ impl Ear {
     }
 }
 
-fn declared(plan: &Plan) -> Result<DeclaredTopic> {
-    let topic = plan.config.get("topics").and_then(|topics| topics.get(TOPIC));
-    topic.with_context(|| format!("the plan declares no {TOPIC}"))?.clone().try_into().context(TOPIC)
+fn declared(plan: &Plan, name: &'static str) -> Result<DeclaredTopic> {
+    let topic = plan.config.get("topics").and_then(|topics| topics.get(name));
+    topic.with_context(|| format!("the plan declares no {name}"))?.clone().try_into().context(name)
 }
 
 /// Tells the sensor to halt when the map is of enough scans.
@@ -45,6 +46,8 @@ fn declared(plan: &Plan) -> Result<DeclaredTopic> {
 struct Planner {
     inputs: &'static [Topic],
     scans: u64,
+    /// What it says, of so many scans.
+    says: fn(u64) -> Vec<u8>,
     output: DeclaredOutput,
     _participant: Participant,
 }
@@ -69,16 +72,24 @@ impl Service for Planner {
         if let Input::Message { stamp_ns, message: Message::Info(info), .. } = input
             && info.scans >= self.scans
         {
-            self.output.send(stamp_ns, &info.scans.to_ne_bytes())?;
+            self.output.send(stamp_ns, &(self.says)(info.scans))?;
         }
         Ok(())
     }
 }
 
 pub(super) fn tell(inputs: &'static [Topic], scans: u64) -> ExitCode {
+    plan(inputs, scans, TOPIC, |scans| scans.to_ne_bytes().to_vec())
+}
+
+pub(super) fn drive(inputs: &'static [Topic], scans: u64) -> ExitCode {
+    plan(inputs, scans, DRIVE_COMMAND, |_| Velocity { v_mps: 0.0, w_radps: 0.0 }.to_bytes().to_vec())
+}
+
+fn plan(inputs: &'static [Topic], scans: u64, topic: &'static str, says: fn(u64) -> Vec<u8>) -> ExitCode {
     process::run("fault", inputs, &[], |plan| {
         let participant = Participant::join(&super::domain()?, "planner")?;
-        let output = DeclaredOutput::open(&participant, TOPIC, &declared(plan)?)?;
-        Ok(Planner { inputs, scans, output, _participant: participant })
+        let output = DeclaredOutput::open(&participant, topic, &declared(plan, topic)?)?;
+        Ok(Planner { inputs, scans, says, output, _participant: participant })
     })
 }

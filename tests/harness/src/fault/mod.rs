@@ -63,6 +63,7 @@ fn run(arguments: &[String]) -> Result<ExitCode> {
         Mode::Flooding => flood::flood(after, 0),
         Mode::WrongEpoch => flood::flood(after, 1),
         Mode::TellsToHalt => Ok(halt::tell(inputs()?, after)),
+        Mode::Halts => Ok(halt::drive(inputs()?, after)),
         _ => {
             let inputs = inputs()?;
             Ok(if inputs.is_empty() { walk::run(mode, after) } else { reader::run(inputs, mode, after) })

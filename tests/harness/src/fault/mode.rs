@@ -41,6 +41,8 @@ pub enum Mode {
     WalksUntilTold,
     /// A reader of `map/info` that says so when it has heard of as many scans as it is told.
     TellsToHalt,
+    /// A reader of `map/info` that has the robot stand still, by `drive/command`, as soon as it has heard of as many scans.
+    Halts,
     /// No service of the graph: writes garbage into the topic that it is told.
     GarbageOn,
     /// No service of the graph: reads the topic that it is told, a message every 50 ms.
@@ -49,7 +51,7 @@ pub enum Mode {
 
 impl Mode {
     /// All of them.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Good,
         Self::AlwaysCrash,
         Self::CrashLate,
@@ -66,6 +68,7 @@ impl Mode {
         Self::Toiling,
         Self::WalksUntilTold,
         Self::TellsToHalt,
+        Self::Halts,
         Self::GarbageOn,
         Self::SlowReader,
     ];
@@ -90,6 +93,7 @@ impl Mode {
             Self::Toiling => "toiling",
             Self::WalksUntilTold => "walks-until-told",
             Self::TellsToHalt => "tells-to-halt",
+            Self::Halts => "halts",
             Self::GarbageOn => "garbage-on",
             Self::SlowReader => "slow-reader",
         }
