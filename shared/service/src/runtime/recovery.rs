@@ -19,8 +19,9 @@ impl Runtime {
     /// Waits until every consumer has said how far it has come; whether the service may begin. If it `must` meet them, it does so
     /// when it was asked to stop, too: it could not end its streams where they are, or go on from what it had stored.
     async fn meet_consumers(&mut self, must: bool) -> Result<bool> {
+        // Who is on its way comes, and who does not is gone for good: the launcher says so, where there is one.
+        let must = must && self.vitals.host.is_launched();
         loop {
-            // Who is on its way comes, and who does not is gone for good: the launcher says so.
             if self.stop().is_some_and(|stop| !must || stop != Stop::Asked) {
                 return Ok(false);
             }
