@@ -6,7 +6,7 @@ use clap::Args;
 use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
 use tracing::Level;
 
-use super::values::{angle, listen};
+use super::values::{listen, place};
 use crate::config::{Interval, LoadRequest};
 
 /// What can be set for a run.
@@ -43,7 +43,7 @@ pub struct Settings {
     pub fix_every: Option<Interval>,
     /// Where in the map the drive begins: metres, and radians or degrees, as in `--start 1.5 -2 90deg` [default: where the
     /// first fix says; without --fix where the odometry says].
-    #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], value_parser = angle, allow_hyphen_values = true)]
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], value_parser = place, allow_hyphen_values = true)]
     pub start: Option<Vec<f64>>,
     /// Whose poses the odometry is: of a drive, which drifts; or exact ones, of a SLAM or motion capture: without error
     /// [default: drive].

@@ -1,9 +1,21 @@
 //! Words of the command line that are numbers, or stand for something.
 
+use core::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 use echogrid_live::config::DEFAULT_PORT;
 use echogrid_replay::config::LogUnit;
+
+/// Nobody means more radians: a turn and a little.
+const RADIANS_MAX: f64 = 6.5;
+
+/// A coordinate or an angle: a number, or degrees where it says so.
+pub(super) fn place(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(number) if number.abs() <= 1e6 => Ok(number),
+        _ => angle(text),
+    }
+}
 
 /// An angle in radians, or in degrees where it says so.
 pub(super) fn angle(text: &str) -> Result<f64, String> {
@@ -11,8 +23,15 @@ pub(super) fn angle(text: &str) -> Result<f64, String> {
         Some(degrees) => (degrees.trim(), core::f64::consts::PI / 180.0),
         None => (text.trim(), 1.0),
     };
-    let angle = number.parse::<f64>().ok().map(|number| number * scale).filter(|angle| angle.abs() <= 1e6);
-    angle.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())
+    let number = number.parse::<f64>().ok().filter(|number| number.abs() <= 1e6);
+    let number = number.ok_or_else(|| "expected radians, or degrees as in 90deg".to_owned())?;
+    if scale == 1.0 && number.abs() > RADIANS_MAX {
+        return Err(format!(
+            "{number} radians are {:.1} turns; expected radians, or degrees: {number}deg?",
+            number.abs() / TAU
+        ));
+    }
+    Ok(number * scale)
 }
 
 /// An address and a port, or either.

@@ -5,6 +5,7 @@ use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use echogrid_core::config::Start;
 use echogrid_formats::open_regular;
 
 use super::Config;
@@ -12,6 +13,9 @@ use super::assemble::Origins;
 use super::problem::Problem;
 use super::service::{Builtin, Exec};
 use super::suggest;
+
+/// Nobody begins with a larger heading, radians: a turn and a little.
+const HEADING_MAX_RAD: f64 = 6.5;
 
 /// Finds every executable (`search_path` is a `PATH`) and looks whether the log and the files of the localizer are there.
 pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Option<&OsStr>) -> Vec<Problem> {
@@ -39,6 +43,17 @@ pub(crate) fn resolve(config: &mut Config, origins: &Origins, search_path: Optio
         if let Err(error) = open_regular(file) {
             add(format!("localizer.{key}"), file, unreadable(&error));
         }
+    }
+    if config.run.out.as_os_str().is_empty() {
+        add("run.out".to_owned(), &config.run.out, "expected a folder; the one here is \".\"".to_owned());
+    }
+    if let Start::Pose([_, _, heading_rad]) = config.odometry.start
+        && heading_rad.abs() > HEADING_MAX_RAD
+    {
+        let turns = heading_rad.abs() / core::f64::consts::TAU;
+        let message =
+            format!("a heading of {turns:.1} turns; expected radians (of --start, degrees, too: {heading_rad}deg)");
+        add("odometry.start".to_owned(), Path::new(&format!("{heading_rad}")), message);
     }
     if config.run.out.exists() && !config.run.out.is_dir() {
         add("run.out".to_owned(), &config.run.out, "a file, expected a folder".to_owned());

@@ -108,7 +108,7 @@ impl Config {
         let path = std::env::var_os("PATH");
         let recorded = recorded::settings(&found.settings);
         load(found, recorded, robot, |config, origins| {
-            if config.run.out.is_relative() {
+            if config.run.out.is_relative() && !config.run.out.as_os_str().is_empty() {
                 config.run.out = base.join(&config.run.out);
             }
             files::resolve(config, origins, path.as_deref())

@@ -6,7 +6,7 @@ use echogrid_formats::map::native;
 use echogrid_harness::GraphProcess;
 use nix::sys::signal::Signal;
 
-use crate::support::{Drive, ECHOGRID};
+use crate::support::{Drive, ECHOGRID, path};
 
 /// A drive that takes far longer than a test at this rate.
 const REAL_TIME: &[&str] = &["--rate", "1"];
@@ -41,6 +41,24 @@ fn ctrl_c_saves_the_map_so_far_and_leaves_nothing() {
         assert_eq!(ended.leftovers(), NOTHING);
         native::read(&drive.out("maps/map.echogrid")).unwrap();
         std::fs::remove_dir_all(drive.out("maps")).unwrap();
+    }
+}
+
+/// A robot that is not switched on, a program that prints nothing: nobody downstream has heard of anything that could end.
+#[test]
+fn a_sensor_that_has_said_nothing_does_not_hold_the_graph_up() {
+    let drive = Drive::new(0.5);
+    let file = drive.out("mute.toml");
+    let sensor = "[services.sensor]\nkind = \"sensor\"\nexec = \"sleep\"\nargs = [\"600\"]\nspeaks = \"carmen\"\n";
+    std::fs::write(&file, sensor).unwrap();
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let mut graph = GraphProcess::start(ECHOGRID, ["up", &path(&file), "--out", &path(&drive.out("maps"))]);
+        graph.wait_for("publisher started");
+        graph.signal(signal);
+        let ended = graph.wait();
+        assert!(!ended.stderr.contains("twice") && !ended.stderr.contains("killed"), "{signal}: {}", ended.stderr);
+        // A robot that has not driven yet is no failure.
+        assert_eq!((ended.status.code(), ended.leftovers()), (Some(0), NOTHING), "{signal}: {}", ended.stderr);
     }
 }
 

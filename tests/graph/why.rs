@@ -16,6 +16,21 @@ fn why(drive: &Drive, map: &str, [x, y]: [f64; 2], more: &[&str]) -> std::proces
     echogrid(["why".to_owned()].into_iter().chain(place).chain(more.iter().map(|word| (*word).to_owned())))
 }
 
+#[test]
+fn readings_of_an_earlier_run_do_not_speak_for_another_map() {
+    let drive = Drive::new(2.0);
+    let more = ["--json", "-q"];
+    assert!(drive.map("maps", &[&KEEP[..], &["--set", "mapper.doubt=true"], &more].concat()).status.success());
+    let mine = drive.out("maps/notes.txt");
+    std::fs::write(&mine, "mine").unwrap();
+    let again = drive.map("maps", &more);
+    assert!(summary(&again)["log_faults"].to_string().contains("readings.echogrid"), "{}", said(&again));
+    let is_there = |name: &str| drive.out("maps").join(name).exists();
+    assert_eq!(["readings.echogrid", "doubt.png", "doubt.npy"].map(is_there), [false; 3]);
+    assert!(mine.exists() && is_there("map.echogrid") && is_there("map.yaml"));
+    assert!(!why(&drive, "maps", [1.0, 6.0], &[]).status.success());
+}
+
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value}"))
 }

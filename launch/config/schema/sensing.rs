@@ -18,6 +18,11 @@ pub(crate) static REPLAY: Section = Section {
             "the unit of its ranges: m (metres), cm or mm; auto: told by how they change as the robot moves",
         ),
         key(
+            "laser_view_deg",
+            "a whole number from 0 to 360",
+            "over how many degrees the beams of a laser lie whose format does not say it (FLASER, tables); 0: as the format has it, 180",
+        ),
+        key(
             "topics",
             "an array of topics, as in [\"/scan\", \"/odom\"]",
             "of a recording: topics that are used in place of others of their type; empty: those that are the only ones",

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use echogrid_formats::log::{RangeUnit, SurveyOptions};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// `[replay]`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,6 +18,9 @@ pub struct ReplayConfig {
     pub topics: Vec<String>,
     /// Who says in a recording where the robot really was: a topic, or `tf`; empty: nobody.
     pub truth: String,
+    /// Over how many degrees the beams of a laser lie whose format does not say it; 0: as the format has it, 180.
+    #[serde(deserialize_with = "degrees")]
+    pub laser_view_deg: u16,
     /// Whether a recording of a run is mapped with the settings of that run, where nothing else is said.
     pub use_settings: bool,
 }
@@ -24,7 +28,7 @@ pub struct ReplayConfig {
 impl Default for ReplayConfig {
     fn default() -> Self {
         let (log, topics, truth) = (PathBuf::new(), Vec::new(), String::new());
-        Self { log, range_unit: LogUnit::Auto, topics, truth, use_settings: true }
+        Self { log, range_unit: LogUnit::Auto, topics, truth, laser_view_deg: 0, use_settings: true }
     }
 }
 
@@ -43,6 +47,11 @@ pub enum LogUnit {
     Mm,
 }
 
+fn degrees<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u16, D::Error> {
+    let degrees = u16::deserialize(deserializer)?;
+    if degrees <= 360 { Ok(degrees) } else { Err(D::Error::custom("expected a whole number from 0 to 360")) }
+}
+
 impl ReplayConfig {
     /// What the user says of the log.
     #[must_use]
@@ -54,6 +63,7 @@ impl ReplayConfig {
             LogUnit::Mm => Some(RangeUnit::Millimetres),
         };
         let truth = Some(self.truth.clone()).filter(|truth| !truth.is_empty());
-        SurveyOptions { range_unit, topics: self.topics.clone(), truth }
+        let laser_view_deg = Some(self.laser_view_deg).filter(|degrees| *degrees > 0);
+        SurveyOptions { range_unit, topics: self.topics.clone(), truth, laser_view_deg }
     }
 }

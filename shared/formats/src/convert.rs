@@ -20,7 +20,7 @@ use flate2::write::GzEncoder;
 use crate::kind::{self, Kind};
 use crate::log::carmen::CarmenWriter;
 use crate::log::{self, KNOWN_FORMATS, LogError};
-use crate::map::map_server::{self, MapMode, Thresholds};
+use crate::map::map_server::{self, MapMode, MapYaml, Thresholds};
 use crate::map::{Drawable, MapDocument, MapError, OccupancyMap, native, npy, picture};
 use crate::near::near_word;
 use crate::whole_file::{WholeFile, write_together, write_whole};
@@ -59,6 +59,14 @@ pub enum ConvertError {
         path: PathBuf,
         /// What it is instead.
         why: String,
+    },
+    /// The YAML beside the output tells where another image lies.
+    #[error("{}: tells where {image} lies, and would tell of the array then; name the array otherwise", yaml.display())]
+    OtherImage {
+        /// The YAML.
+        yaml: PathBuf,
+        /// The image that it names.
+        image: String,
     },
     /// There is no way from this input to that output.
     #[error(
@@ -238,6 +246,7 @@ fn write_occupancy(
     refuse_same(input, &yaml_path)?;
     if extension == "npy" {
         let name = output.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        refuse_other(&yaml_path, &name)?;
         let yaml = map_server::array_yaml(map, Thresholds::default(), name);
         write_together(&[(output.to_path_buf(), npy::encode(map)), (yaml_path.clone(), yaml)])?;
         report.written.extend([output.to_path_buf(), yaml_path]);
@@ -304,6 +313,15 @@ fn failed(path: &Path, source: io::Error) -> WriteError {
 }
 
 /// A log is read while its output is written beside it, so they could be one file; no user wants that.
+/// The YAML of another image must go on telling where that lies.
+fn refuse_other(yaml: &Path, image: &str) -> Result<(), ConvertError> {
+    let known = std::fs::read_to_string(yaml).ok().and_then(|text| MapYaml::parse(&text).ok()).map(|known| known.image);
+    match known.filter(|known| known != image) {
+        Some(image) => Err(ConvertError::OtherImage { yaml: yaml.into(), image }),
+        None => Ok(()),
+    }
+}
+
 fn refuse_same(input: &Path, output: &Path) -> Result<(), ConvertError> {
     match (input.canonicalize(), output.canonicalize()) {
         (Ok(input), Ok(output)) if input == output => Err(ConvertError::SameFile { path: output }),
@@ -391,6 +409,8 @@ mod tests {
         };
         check(&map, "a.log", "possible: .png, .pgm, .yaml, .npy, .echogrid");
         check(&map, "a.pmg", "did you mean pgm?");
+        convert(&map, &folder.path().join("pair.yaml")).unwrap();
+        check(&map, "pair.npy", "tells where pair.pgm lies");
         check(&folder.path().join("m.echogird"), "a.png", "did you mean");
         let log = folder.path().join("l.log");
         std::fs::write(&log, LOG).unwrap();

@@ -235,6 +235,10 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     }
     sensor.close();
     runtime.set_note(sensor.note());
+    if made == 0 && runtime.stop() == Some(Stop::Asked) && again.is_empty() && !runtime.has_spoken() {
+        // Without a robot nobody reads on to an end: the launcher asks the others.
+        return runtime.leave();
+    }
     if runtime.stop() != Some(Stop::Orphaned) {
         runtime.write_down_end()?;
     }

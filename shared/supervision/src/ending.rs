@@ -109,6 +109,11 @@ impl<P: Process> Supervision<P> {
     /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
     /// is asked has heard the last of whoever was before it.
     pub(crate) fn wind_down(&mut self) {
+        // Of a sensor that never said anything nobody has heard what could end.
+        let mut sources = self.units.iter().filter(|unit| unit.is_source());
+        if self.ending.is_some() && sources.all(|sensor| sensor.stage == Stage::Done && sensor.progress() == 0) {
+            self.winding_down.get_or_insert(0);
+        }
         let Some(from) = self.winding_down else { return };
         let downstream = self.units.iter().filter(|unit| unit.is_here() && unit.place.rank > from);
         if let Some(next) = downstream.map(|unit| unit.place.rank).min() {

@@ -18,6 +18,14 @@ pub struct SurveyOptions {
     pub topics: Vec<String>,
     /// Who says in a recording where the robot really was: a topic, or `tf` (`map` to `odom`); none: nobody.
     pub truth: Option<String>,
+    /// Over how many degrees the beams of a laser lie whose format does not say it, 1 to 360; none: as the format has it, 180.
+    pub laser_view_deg: Option<u16>,
+}
+
+impl SurveyOptions {
+    pub(crate) fn laser_view_rad(&self) -> Option<f64> {
+        self.laser_view_deg.map(|degrees| f64::from(degrees.clamp(1, 360)).to_radians())
+    }
 }
 
 /// What is in a log, learnt by reading it once.

@@ -83,6 +83,17 @@ impl MapFiles {
         names.into_iter().filter(|(chosen, _)| *chosen).map(|(_, name)| name).collect()
     }
 
+    /// The names of all files that [`MapFiles::write_all`] can write.
+    #[must_use]
+    pub fn every_name() -> Vec<String> {
+        let scaled = MapFileOptions { mode: MapMode::Scale, ..MapFileOptions::default() };
+        let mut names = Self::names(&MapFileOptions::default());
+        names.extend(Self::names(&scaled));
+        names.sort();
+        names.dedup();
+        names
+    }
+
     /// Writes the chosen files into a folder, which is made if it is not there; each file whole or
     /// not at all, the native map first, and those that share the frame that the YAML tells together. The paths written.
     ///

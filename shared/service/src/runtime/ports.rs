@@ -1,5 +1,7 @@
 //! The topics that a service reads and writes: what it may take next, what still waits, who must be told what.
 
+use std::collections::BTreeMap;
+
 use anyhow::{Context, Result};
 use echogrid_topics::Header;
 use echogrid_topics::{Delivery, Health, Input as Port, Message, Output, Received, Topic};
@@ -50,8 +52,8 @@ pub(crate) struct Sink {
     ended: bool,
     /// Somebody came who needs to be told all that counts.
     newcomer: bool,
-    /// Processes that are being told, and do not know yet that they were.
-    untold: Vec<u32>,
+    /// The latest process of each service that is being told, and does not know yet that it was.
+    untold: BTreeMap<String, u32>,
 }
 
 /// What came of looking at an input.
@@ -80,7 +82,7 @@ impl Ports {
     pub(crate) fn new(inputs: Vec<(Port, u64)>, outputs: Vec<Output>) -> Self {
         let source =
             |(port, window)| Source { port, window, ended: false, seen: false, told: 0, lost_before: 0, published: 0 };
-        let sink = |port| Sink { port, ended: false, newcomer: false, untold: Vec::new() };
+        let sink = |port| Sink { port, ended: false, newcomer: false, untold: BTreeMap::new() };
         Self { sources: inputs.into_iter().map(source).collect(), sinks: outputs.into_iter().map(sink).collect() }
     }
 
@@ -191,7 +193,7 @@ impl Ports {
     /// All that the service had to say is on its way: whoever came anew has been told.
     fn say_what_was_told(&mut self) -> Result<()> {
         for sink in self.sinks.iter_mut().filter(|sink| !sink.newcomer) {
-            for pid in std::mem::take(&mut sink.untold) {
+            for pid in std::mem::take(&mut sink.untold).into_values() {
                 sink.port.told(pid)?;
             }
         }
@@ -214,7 +216,7 @@ impl Ports {
             let is_new = sink.port.note(health);
             if is_new && sink.port.topic().delivery() == Delivery::Relayed {
                 sink.newcomer = true;
-                sink.untold.push(health.pid);
+                sink.untold.insert(health.service.clone(), health.pid);
             }
         }
     }

@@ -143,6 +143,12 @@ impl Runtime {
         self.ports.sinks.iter().any(|sink| sink.port.is_known())
     }
 
+    /// Whether something was sent, in this life or an earlier one.
+    #[must_use]
+    pub fn has_spoken(&self) -> bool {
+        self.vitals.progress > 0 || self.is_catching_up() || self.ports.sinks.iter().any(|sink| !sink.port.may_end())
+    }
+
     /// Whether the streams may end here: where an earlier life ended them, or else where no consumer has more of it.
     #[must_use]
     pub fn may_end(&self) -> bool {

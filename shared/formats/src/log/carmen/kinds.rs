@@ -7,10 +7,12 @@ use echogrid_core::{Footprint, Pose2, Robot, Sensor, SensorKind};
 
 use super::ceiling::RangeTally;
 use super::fans::{self, FanNumbers, Fans};
+use super::laser_view;
 use super::message::{Carried, Described, ScanKind, ScanLine, Shape};
 use super::origin::Origin;
 use super::rings::Rings;
 use super::units::{RangeUnit, Seen, UnitTally};
+use crate::log::SurveyOptions;
 use crate::log::dialect::Dialect;
 
 /// Readings nearer than this are the robot itself or a fault, metres.
@@ -251,7 +253,7 @@ pub(crate) fn robot_and_plan(
     records: &BTreeMap<ScanKind, KindRecord>,
     kinds: &[ScanKind],
     params: &BTreeMap<String, String>,
-    unit: Option<RangeUnit>,
+    options: &SurveyOptions,
     origin: &Origin,
 ) -> Result<Sensors, Unusable> {
     let number = |name: &str| -> Option<f64> { params.get(name)?.split_ascii_whitespace().next()?.parse().ok() };
@@ -267,7 +269,7 @@ pub(crate) fn robot_and_plan(
     for kind in kinds {
         let Some(record) = records.get(kind) else { continue };
         let name = origin.name_of(*kind);
-        let limits = limits(*kind, &name, record, unit, &number, &mut sensors.remarks)?;
+        let limits = limits(*kind, &name, record, options.range_unit, &number, &mut sensors.remarks)?;
         let (numbers, mut of_kind) = numbered(*kind, record, circles.get(kind).copied(), &mut next, &number)
             .ok_or(Unusable::Transducers(next as u64))?;
         let (min_m, error_ratio) = match &record.layout {
@@ -283,10 +285,13 @@ pub(crate) fn robot_and_plan(
         }
         let remarks = match &record.layout {
             Layout::Fans(fans) => fans.remarks(circles.get(kind).copied()),
-            Layout::Rings(rings) => Vec::from_iter(rings.remark()),
+            Layout::Rings(rings) => rings.remarks(),
         };
         sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{name}: {remark}")));
         sensors.remarks.extend(turned(*kind, of_kind.first()));
+        if matches!(kind, ScanKind::Front | ScanKind::Rear) && record.described.is_none() {
+            sensors.remarks.extend(laser_view::lay(&name, &mut of_kind, options.laser_view_rad()));
+        }
         sensors.robot.sensors.append(&mut of_kind);
         let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
         let offsets_ns = offsets.and_then(|all| all.split(',').map(|one| one.trim().parse().ok()).collect());

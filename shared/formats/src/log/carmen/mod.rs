@@ -14,6 +14,7 @@ mod angles;
 mod ceiling;
 mod fans;
 mod kinds;
+mod laser_view;
 pub(super) mod message;
 pub(super) mod origin;
 mod read;

@@ -7,6 +7,10 @@ use echogrid_core::robot::SENSORS_MAX;
 
 /// Mounts and apertures that differ by less are one sonar's, metres and radians.
 const SAME: f64 = 2e-3;
+/// No sonar sits as far from the robot's centre, metres …
+const MOUNT_FAR_M: f64 = 3.0;
+/// … or is written to look as far from ahead, radians: a turn and a little.
+const TURN_MAX_RAD: f64 = 6.5;
 
 /// One sonar.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,8 +82,18 @@ impl Rings {
     }
 
     /// What is odd about them, in words that follow the name of the message.
-    pub(super) fn remark(&self) -> Option<String> {
-        (self.rings > 1).then(|| format!("lines name other sonars than the first did: {} in all", self.sonars.len()))
+    pub(super) fn remarks(&self) -> Vec<String> {
+        let most =
+            |of: fn(&Pose2) -> f64| self.sonars.iter().map(|sonar| of(&sonar.base_from_sonar)).fold(0.0, f64::max);
+        let far_m = most(|mount| libm::hypot(mount.x, mount.y));
+        let turned_rad = most(|mount| mount.theta.abs());
+        let others = (self.rings > 1)
+            .then(|| format!("lines name other sonars than the first did: {} in all", self.sonars.len()));
+        let far = (far_m > MOUNT_FAR_M)
+            .then(|| format!("sonars sit up to {far_m:.1} m from the robot's centre, as written: are these millimetres or centimetres?"));
+        let turned = (turned_rad > TURN_MAX_RAD)
+            .then(|| format!("sonars look up to {turned_rad:.1} rad from ahead, as written: are these degrees?"));
+        others.into_iter().chain(far).chain(turned).collect()
     }
 }
 

@@ -268,7 +268,7 @@ impl Surveyor {
             (_, most) => most,
         };
         let Sensors { robot, used, mut remarks } =
-            robot_and_plan(&self.kinds, &kinds, &self.params, self.options.range_unit, &self.origin)
+            robot_and_plan(&self.kinds, &kinds, &self.params, &self.options, &self.origin)
                 .map_err(|unusable| unusable_sensors(path, unusable))?;
         let place = self.origin.place();
         let odometry = odometry_from.map_or(Class::Odometry, Class::Scan);

@@ -12,6 +12,7 @@
 //! Commas, semicolons or tabs part the columns; other columns are not used. A row whose ranges are all blank is odometry.
 
 use core::f64::consts::FRAC_PI_6;
+use std::collections::BTreeMap;
 
 use echogrid_core::{POSITION_MAX_M, Pose2};
 
@@ -22,6 +23,8 @@ use crate::log::parse_stamp_ns;
 
 /// Columns that are told apart.
 const COLUMNS_MAX: usize = 65_536;
+/// No lidar has a beam of a higher number.
+const BEAMS_MAX: u16 = 16_384;
 const NUMBER_MAX: f64 = 1e6;
 
 /// What the header says.
@@ -36,7 +39,8 @@ pub(crate) struct Columns {
     theta: (usize, f64),
     v: Option<usize>,
     w: Option<usize>,
-    beams: Vec<(usize, f64)>,
+    /// Column and unit, in the order of their numbers; none: the table lacks that beam.
+    beams: Vec<Option<(usize, f64)>>,
     /// Column, unit and where it looks.
     sonars: Vec<(usize, f64, Pose2)>,
 }
@@ -72,16 +76,24 @@ impl Columns {
             beams: Vec::new(),
             sonars: Vec::new(),
         };
+        let mut beams: BTreeMap<u16, (usize, f64)> = BTreeMap::new();
         for (at, name) in names.iter().enumerate() {
             let (name, unit) = with_unit(name, &LENGTHS);
             if let Some(bearing) = name.strip_prefix("sonar_").and_then(|bearing| bearing.parse::<f64>().ok()) {
                 if bearing.abs() <= 360.0 {
                     columns.sonars.push((at, unit, Pose2::new(0.0, 0.0, bearing.to_radians())));
                 }
-            } else if name.strip_prefix('r').is_some_and(|number| number.parse::<u16>().is_ok()) {
-                columns.beams.push((at, unit));
+            } else if let Some(number) = name.strip_prefix('r').and_then(|number| number.parse::<u16>().ok())
+                && number <= BEAMS_MAX
+            {
+                beams.entry(number).or_insert((at, unit));
             }
         }
+        // Some count from 1.
+        let first = u16::from(!beams.contains_key(&0));
+        let last = beams.keys().next_back().copied();
+        columns.beams =
+            last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect());
         let has_ranges = !(columns.beams.is_empty() && columns.sonars.is_empty());
         has_ranges.then_some(columns)
     }
@@ -117,7 +129,8 @@ impl Columns {
             "" => Ok(f64::NAN),
             word => word.parse::<f64>().map(|range| range * unit).map_err(|_| Refusal::new(FaultKind::BadNumber, word)),
         };
-        let beams = self.beams.iter().map(|(at, unit)| range(*at, *unit)).collect::<Result<Vec<f64>, _>>()?;
+        let beam = |column: &Option<(usize, f64)>| column.map_or(Ok(f64::NAN), |(at, unit)| range(at, unit));
+        let beams = self.beams.iter().map(beam).collect::<Result<Vec<f64>, _>>()?;
         let sonars = self.sonars.iter().map(|(at, unit, _)| range(*at, *unit)).collect::<Result<Vec<f64>, _>>()?;
         let stamp_ns = self.stamp_ns(cell(self.stamp.0));
         take(Message::Odometry { odom_from_base, v_mps, w_radps, stamp_ns });
@@ -207,6 +220,14 @@ mod tests {
             "odometry 1.000 2.000 3.000 Some(500000000)",
         ];
         assert_eq!(messages(text), expected);
+    }
+
+    #[test]
+    fn beams_lie_where_their_numbers_say() {
+        let text = "t,x,y,theta,r3,r0,r1\n1,2,3,1,0.3,0.0,0.1\n";
+        assert_eq!(messages(text)[1], "Front [0.0, 0.1, NaN, 0.3]");
+        // Some count from 1.
+        assert_eq!(messages("t,x,y,theta,r1,r2\n1,2,3,1,0.1,0.2\n")[1], "Front [0.1, 0.2]");
     }
 
     #[test]

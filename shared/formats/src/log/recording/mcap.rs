@@ -137,7 +137,12 @@ impl<R: Read + Send> Container for Mcap<R> {
         let whole = match kind {
             op::FOOTER => {
                 let whole = self.stored.skip(length)? && self.stored.read(MAGIC.len() as u64, &mut self.data)?;
-                let what = (!whole || self.data != MAGIC).then(|| self.stored.cut("within its last bytes"));
+                let mut what = (!whole || self.data != MAGIC).then(|| self.stored.cut("within its last bytes"));
+                let end = self.stored.at;
+                if what.is_none() && self.stored.read(1, &mut self.data)? {
+                    let more = format!("bytes follow its end, at byte {end}: several recordings in one file?");
+                    what = Some(Refusal::new(FaultKind::RecordingDamaged, more));
+                }
                 return Ok(self.end(what, take));
             }
             op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE if length <= RECORD_BYTES_MAX => {
