@@ -25,7 +25,7 @@ use echogrid_topics::contract::{MAX_SENSORS, RobotWire};
 
 use super::live::{Watch, Watched};
 use super::spool::Spool;
-use super::{doctor, folder};
+use super::{doctor, folder, stale};
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, RunSetting, ServiceKind};
 use crate::limits;
@@ -167,7 +167,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // Before what the run could be resumed from is removed.
     check_saved(config, &outcome, &before)?;
     spool.map_or(Ok(()), Spool::remove)?;
-    let stale = remove_stale(config, &before)?;
+    let of_earlier_runs = if written(config, &before).is_empty() { Vec::new() } else { stale::clear(config)? };
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
@@ -195,7 +195,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         summary.log_faults.extend(suggestion(survey));
     }
     summary.log_faults.extend(little);
-    summary.log_faults.extend(stale);
+    summary.log_faults.extend(of_earlier_runs);
     if config.does_slam() {
         summary.slam = Some(super::closures::read(&config.run.out)?);
     }
@@ -373,29 +373,6 @@ fn written(config: &Config, before: &Files) -> Vec<PathBuf> {
     let now = Files::of(config);
     let is_new = |path: &PathBuf| now.0.get(path).is_some_and(|file| before.0.get(path) != Some(file));
     file_names(config).into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
-}
-
-/// What earlier runs with other settings saved beside the map, and would be taken for this one's, is removed; what was, in words. What
-/// this run reads stays.
-fn remove_stale(config: &Config, before: &Files) -> Result<Option<String>> {
-    let fresh = written(config, before);
-    if fresh.is_empty() {
-        return Ok(None);
-    }
-    let read = toml::to_string(&config.to_table()?)?;
-    let every = [SONARS_FILE, READINGS_FILE].into_iter().chain(echogrid_slam_service::FILES).map(str::to_owned);
-    let mut removed = Vec::new();
-    for name in MapFiles::every_name().into_iter().chain(every) {
-        let path = config.run.out.join(&name);
-        if fresh.contains(&path) || !path.is_file() || read.contains(&*path.to_string_lossy()) {
-            continue;
-        }
-        std::fs::remove_file(&path).with_context(|| format!("removing {}, of an earlier run", path.display()))?;
-        removed.push(name);
-    }
-    let out = config.run.out.display();
-    Ok((!removed.is_empty())
-        .then(|| format!("{out}: removed, as an earlier run had saved them: {}", removed.join(", "))))
 }
 
 /// Whatever was mapped must lie on the disk now.

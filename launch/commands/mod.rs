@@ -20,6 +20,7 @@ mod relations;
 mod score;
 mod service;
 mod spool;
+mod stale;
 mod status;
 mod talk;
 mod topic;

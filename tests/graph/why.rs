@@ -29,6 +29,14 @@ fn readings_of_an_earlier_run_do_not_speak_for_another_map() {
     assert_eq!(["readings.echogrid", "doubt.png", "doubt.npy"].map(is_there), [false; 3]);
     assert!(mine.exists() && is_there("map.echogrid") && is_there("map.yaml"));
     assert!(!why(&drive, "maps", [1.0, 6.0], &[]).status.success());
+    // A map in another format may be somebody's: it is named.
+    let picture = drive.map("maps", &["--json", "-q", "--set", "publisher.formats=[\"png\"]"]);
+    assert!(
+        summary(&picture)["log_faults"].to_string().contains("not of this run: map.echogrid"),
+        "{}",
+        said(&picture)
+    );
+    assert!(is_there("map.echogrid"));
 }
 
 fn number(value: &Value) -> f64 {
