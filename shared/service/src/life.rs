@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind};
 use std::time::Duration;
 
 use anyhow::Result;
-use echogrid_topics::{Header, Message, ServiceState};
+use echogrid_topics::{Header, Message, ServiceState, Topic};
 
 use crate::live_clock::LiveClock;
 use crate::pace::Pace;
@@ -235,7 +235,8 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     }
     sensor.close();
     runtime.set_note(sensor.note());
-    if made == 0 && runtime.stop() == Some(Stop::Asked) && again.is_empty() && !runtime.has_spoken() {
+    let is_mute = made == 0 && again.is_empty() && !runtime.has_spoken() && runtime.writes(Topic::RobotDescription);
+    if is_mute && runtime.stop() == Some(Stop::Asked) {
         // Without a robot nobody reads on to an end: the launcher asks the others.
         return runtime.leave();
     }

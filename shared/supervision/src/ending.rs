@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use echogrid_service::mutants::Mutant;
+use echogrid_topics::Topic;
 
 use crate::life::{Life, Process};
 use crate::unit::{Stage, Unit};
@@ -109,9 +110,11 @@ impl<P: Process> Supervision<P> {
     /// When nobody upstream will tell them, those downstream save what they have. They are asked one after the other: who
     /// is asked has heard the last of whoever was before it.
     pub(crate) fn wind_down(&mut self) {
-        // Of a sensor that never said anything nobody has heard what could end.
-        let mut sources = self.units.iter().filter(|unit| unit.is_source());
-        if self.ending.is_some() && sources.all(|sensor| sensor.stage == Stage::Done && sensor.progress() == 0) {
+        // Of a robot that was never described nobody has heard what could end.
+        let robot = self.writers.get(Topic::RobotDescription.name());
+        let describes = |unit: &&Unit<P>| robot.is_some_and(|writers| writers.contains(&unit.name));
+        let mut sources = self.units.iter().filter(|unit| unit.is_source()).filter(describes);
+        if self.ending.is_some() && sources.any(|sensor| sensor.stage == Stage::Done && sensor.progress() == 0) {
             self.winding_down.get_or_insert(0);
         }
         let Some(from) = self.winding_down else { return };
