@@ -59,8 +59,10 @@ fn graph(config: &Config) -> String {
     }
     text += "in parentheses: who only looks on; nobody waits for it\n";
     let states = states_bytes(config.mapper.kept_bytes_max()).div_ceil(1 << 20);
-    let _ =
-        writeln!(text, "what the services store of themselves: at most {states} MiB, in {SHM} if that is free there");
+    let _ = writeln!(
+        text,
+        "what the services store of themselves lies in {SHM} if {states} MiB are free there beside the topics, else in the folder for temporary files"
+    );
     text
 }
 

@@ -63,11 +63,12 @@ fn states(memory: &SharedMemory, need: &Need) -> Finding {
     let states = need.states_bytes;
     let room = memory.free_bytes.saturating_sub(need.shared_bytes);
     let place = if room < states {
-        format!("in {}, as there is less room in {SHM} beside the topics", std::env::temp_dir().display())
+        format!("in {}, as there is too little room in {SHM} beside the topics", std::env::temp_dir().display())
     } else {
         format!("in {SHM}")
     };
-    let text = format!("of the services take at most {} MiB, {place}", states.div_ceil(1 << 20));
+    let text =
+        format!("what services store of themselves lies {place} ({} MiB are asked for)", states.div_ceil(1 << 20));
     Finding::ok("states", text).with([("needed_bytes", states), ("room_bytes", room)])
 }
 
@@ -127,12 +128,13 @@ mod tests {
     fn states_lie_where_there_is_room() {
         let mut need = Need::usual();
         let place = |need: &Need, memory| states(memory, need).text;
-        assert!(place(&need, &GOOD).contains("as there is less room"));
+        assert!(place(&need, &GOOD).contains("as there is too little room"));
         let large = SharedMemory { total_bytes: 2 << 30, free_bytes: 2 << 30, ..GOOD };
-        assert!(place(&need, &large).ends_with("MiB, in /dev/shm"));
+        assert!(place(&need, &large).contains("lies in /dev/shm ("));
         need.states_bytes = 4 << 30;
         assert!(
-            place(&need, &large).contains("4096 MiB, in ") && place(&need, &large).contains("as there is less room")
+            place(&need, &large).contains("(4096 MiB are asked for)")
+                && place(&need, &large).contains("as there is too little room")
         );
     }
 

@@ -1,5 +1,6 @@
 //! Services that play no role: what they read and write is what the graph file says.
 
+use echogrid_harness::Ended;
 use echogrid_harness::fault::{Mode, READS_VARIABLE, halt};
 
 use super::graph_file::{GraphFile, IMPATIENT, NOTHING};
@@ -66,7 +67,7 @@ fn a_planner_drives_the_robot_by_the_topic_for_it() {
         )
     };
     let on_tour = GraphFile::new(&drive, "tour").with(&sensor("")).start(&[]).wait();
-    assert!(on_tour.summary()["distance_m"].as_f64().is_some_and(|driven_m| driven_m > 4.0), "{}", on_tour.stdout);
+    let driven_m = |ended: &Ended| ended.summary()["distance_m"].as_f64().unwrap_or(f64::NAN);
     let halted = GraphFile::new(&drive, "halted").with(&sensor("reads = [\"drive/command\"]")).fault(
         "planner",
         "other",
@@ -74,10 +75,11 @@ fn a_planner_drives_the_robot_by_the_topic_for_it() {
         5,
         "reads = [\"map/info\"]\nwrites = [\"drive/command\"]",
     );
-    let halted = halted.start(&["run.rate=10"]).wait();
+    let halted = halted.start(&["run.rate=4"]).wait();
     assert!(halted.status.success(), "{}", halted.stderr);
     assert_eq!((halted.restarts(), halted.leftovers()), (0, NOTHING), "{}", halted.stderr);
-    assert!(halted.summary()["distance_m"].as_f64().is_some_and(|driven_m| driven_m < 3.0), "{}", halted.stdout);
+    // However late the word came: the tour takes 5 s here.
+    assert!(driven_m(&halted) < 0.9 * driven_m(&on_tour), "{}", halted.stdout);
 }
 
 #[test]

@@ -289,8 +289,9 @@ pub(crate) fn robot_and_plan(
         };
         sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{name}: {remark}")));
         sensors.remarks.extend(turned(*kind, of_kind.first()));
-        if matches!(kind, ScanKind::Front | ScanKind::Rear) && record.described.is_none() {
-            sensors.remarks.extend(laser_view::lay(&name, &mut of_kind, options.laser_view_rad()));
+        if matches!(record.layout, Layout::Fans(_)) {
+            let is_stated = !matches!(kind, ScanKind::Front | ScanKind::Rear) || record.described.is_some();
+            sensors.remarks.extend(laser_view::lay(&name, &mut of_kind, options.laser_view_rad(), is_stated));
         }
         sensors.robot.sensors.append(&mut of_kind);
         let offsets = params.get(super::SONAR_OFFSETS_PARAM).filter(|_| *kind == ScanKind::Sonar);
