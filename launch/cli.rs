@@ -20,7 +20,7 @@ pub use evaluate::{Evaluate, Goal};
 pub use new::{NewCommand, SensorLanguage};
 pub use run::{Settings, View};
 pub use topic::{LayoutLanguage, TopicCommand};
-use values::{angle, deviation, listen, range_unit, reach, seconds};
+use values::{angle, deviation, listen, png, range_unit, reach, seconds};
 
 use crate::commands::align::Align;
 
@@ -271,7 +271,7 @@ pub enum Command {
         #[arg(long)]
         json: bool,
         /// Saves a picture of where the map is right (green), wrong (red, orange) and undecided (grey).
-        #[arg(long, value_name = "FILE.png")]
+        #[arg(long, value_name = "FILE.png", value_parser = png)]
         picture: Option<PathBuf>,
     },
     /// Finds the two walls of a map's longest corridor, and tells how much of what is occupied lies along them; needs no world.
@@ -285,7 +285,7 @@ pub enum Command {
         #[arg(long)]
         json: bool,
         /// Saves a picture of the map with the walls drawn over it.
-        #[arg(long, value_name = "FILE.png")]
+        #[arg(long, value_name = "FILE.png", value_parser = png)]
         picture: Option<PathBuf>,
     },
     /// Lists the places that SLAM (`map --slam`) recognised, each with its evidence and what became of it.

@@ -16,7 +16,7 @@ use crate::supervisor::Outcome;
 pub struct Summary {
     /// What was mapped: the log's name, or the sensor's.
     pub source: String,
-    /// Whether the user stopped it before its end.
+    /// Whether the user stopped it before its end: some of it was not mapped.
     pub stopped: bool,
     /// Scans in the map.
     pub scans: u64,
@@ -76,6 +76,8 @@ pub struct Summary {
     pub log_faults: Vec<String>,
     /// The files that were written.
     pub files: Vec<PathBuf>,
+    /// What the files lack of the map, as who wrote them says.
+    pub files_lack: Vec<String>,
     /// The recording of the run, if one was asked for.
     pub recording: Option<Recording>,
 }
@@ -165,7 +167,7 @@ impl Summary {
         };
         Self {
             source,
-            stopped: outcome.stopped,
+            stopped: outcome.stopped && !outcome.is_whole(),
             scans: map.scans,
             // The end of the stream has a number too.
             odometry: acknowledged(echogrid_topics::Topic::OdometryRaw).saturating_sub(1),
@@ -199,6 +201,7 @@ impl Summary {
             given_up: outcome.given_up.clone(),
             log_faults: Vec::new(),
             files: Vec::new(),
+            files_lack: Vec::new(),
             recording: None,
         }
     }
@@ -313,6 +316,9 @@ impl fmt::Display for Summary {
         }
         for (i, file) in self.files.iter().enumerate() {
             writeln!(f, "{}{}", if i == 0 { "files     " } else { "          " }, file.display())?;
+        }
+        for lack in &self.files_lack {
+            writeln!(f, "          {lack}")?;
         }
         if let Some(Recording { file, is_whole }) = &self.recording {
             let early = if *is_whole { "" } else { ": ended before the run did" };

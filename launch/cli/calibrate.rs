@@ -52,7 +52,7 @@ pub struct Calibrate {
     #[arg(long)]
     pub json: bool,
     /// Saves a picture of the errors, and of what the model makes of them.
-    #[arg(long, value_name = "FILE.png")]
+    #[arg(long, value_name = "FILE.png", value_parser = super::png)]
     pub picture: Option<PathBuf>,
     /// Writes the model as the section `[odometry]`; see `echogrid map --config`.
     #[arg(long, value_name = "FILE.toml")]

@@ -2,6 +2,7 @@
 
 use core::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
 
 use echogrid_live::config::DEFAULT_PORT;
 use echogrid_replay::config::LogUnit;
@@ -75,6 +76,15 @@ pub(super) fn deviation(text: &str) -> Result<f64, String> {
     let metres = text.trim().parse::<f64>().ok().filter(|metres| metres.is_finite() && *metres >= 0.0);
     metres.ok_or_else(|| "expected metres, 0 or more".to_owned())
 }
+/// The file of a picture.
+pub(super) fn png(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(ending) if ending.eq_ignore_ascii_case("png") => Ok(path),
+        _ => Err("pictures are written as PNG: expected a name that ends in .png".into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

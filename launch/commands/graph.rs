@@ -143,9 +143,6 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let before = Files::of(config);
     let watch = view.watch.map(|listen| Watch::new(graph.domain.name(), listen)).transpose()?;
     let mut display = Watched { display: Display::new(view.quiet, view.tells_lives()), watch };
-    if let Some(watch) = &display.watch {
-        display.display.print(&format!("live page: {}", watch.address()));
-    }
     if let Some(file) = &recording {
         display.display.print(&format!("recording: {}", file.display()));
     }
@@ -191,15 +188,14 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.log_faults.extend(of_its_run(loaded.run_settings()));
-    if let Some(survey) = survey.as_ref().filter(|_| config.odometry.poses == Poses::Drive) {
-        summary.log_faults.extend(suggestion(survey));
-    }
+    summary.log_faults.extend(survey.as_ref().and_then(|survey| suggestion(survey, config.odometry.poses)));
     summary.log_faults.extend(little);
     summary.log_faults.extend(of_earlier_runs);
     if config.does_slam() {
         summary.slam = Some(super::closures::read(&config.run.out)?);
     }
     summary.files = written(config, &before);
+    summary.files_lack = files_lack(config, &outcome);
     summary.recording = recording.map(|file| Recording { is_whole: echogrid_recorder::is_whole(&file), file });
     Ok(summary)
 }
@@ -375,6 +371,13 @@ fn written(config: &Config, before: &Files) -> Vec<PathBuf> {
     file_names(config).into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
 }
 
+/// What the publishers say that their files lack of the map.
+fn files_lack(config: &Config, outcome: &supervisor::Outcome) -> Vec<String> {
+    let publishers = config.services.iter().filter(|(_, service)| service.kind == ServiceKind::Publisher);
+    let notes = publishers.filter_map(|(name, _)| Some(outcome.health.get(name)?.note.clone()));
+    notes.filter(|note| !note.is_empty()).collect()
+}
+
 /// Whatever was mapped must lie on the disk now.
 fn check_saved(config: &Config, outcome: &supervisor::Outcome, before: &Files) -> Result<()> {
     let cells = outcome.map.as_ref().map_or(0, |map| map.cells_known);
@@ -400,16 +403,18 @@ fn kept(config: &Config, before: &Files) -> String {
 }
 
 /// What is said of poses that do not seem to be a drive's.
-fn suggestion(survey: &LogSurvey) -> Option<String> {
+fn suggestion(survey: &LogSurvey, poses: Poses) -> Option<String> {
     let percent = 100.0 * survey.sideways.share();
     let slide = format!("its poses slide sideways on {percent:.0} % of their way, as those of wheels do not");
-    survey.sideways.is_no_drive().then(|| match percent {
+    match percent {
+        _ if !survey.sideways.is_no_drive() => None,
         // No correction is so large: what they call ahead is not where they go.
-        60.0.. => format!("{slide}: are x, y and heading in order, and not mirrored?"),
-        _ => {
-            format!("{slide}: if they are a SLAM's or from motion capture, --poses exact says that they have no error")
-        }
-    })
+        60.0.. => Some(format!("{slide}: are x, y and heading in order, and not mirrored?")),
+        _ if poses == Poses::Exact => None,
+        _ => Some(format!(
+            "{slide}: if they are a SLAM's or from motion capture, --poses exact says that they have no error"
+        )),
+    }
 }
 
 /// How much of a log the times of a reference or of sightings cover; said where that is hardly anything.

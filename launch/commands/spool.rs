@@ -130,20 +130,31 @@ fn stores(folder: &Path) -> Result<Vec<PathBuf>> {
     Ok(stores)
 }
 
+/// What a run was made of, in words of its own: what differs in it is said of the keys that it was made of.
+const PROVENANCE: &str = "provenance";
+/// Longer values are not shown whole.
+const SHOWN_CHARS: usize = 80;
+
 /// The first key that differs, and how.
 fn difference(prefix: &str, before: &Table, now: &Table) -> Option<String> {
-    let keys = before.keys().chain(now.keys().filter(|key| !before.contains_key(*key)));
-    keys.into_iter().find_map(|key| {
+    let keys = || before.keys().chain(now.keys().filter(|key| !before.contains_key(*key)));
+    let (last, first): (Vec<_>, Vec<_>) = keys().partition(|key| prefix.is_empty() && *key == PROVENANCE);
+    first.into_iter().chain(last).find_map(|key| {
         let path = format!("{prefix}{key}");
         match (before.get(key), now.get(key)) {
             (Some(Value::Table(before)), Some(Value::Table(now))) => difference(&format!("{path}."), before, now),
             (before, now) if before == now => None,
-            (before, now) => {
-                let shown = |value: Option<&Value>| value.map_or("nothing".to_owned(), ToString::to_string);
-                Some(format!("{path} was {}, now it is {}", shown(before), shown(now)))
-            }
+            (before, now) => Some(format!("{path} was {}, now it is {}", shown(before), shown(now))),
         }
     })
+}
+
+fn shown(value: Option<&Value>) -> String {
+    let value = value.map_or("nothing".to_owned(), ToString::to_string);
+    match value.char_indices().nth(SHOWN_CHARS) {
+        Some((end, _)) => format!("{}…", &value[..end]),
+        None => value,
+    }
 }
 
 #[cfg(test)]

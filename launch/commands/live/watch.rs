@@ -4,7 +4,7 @@
 //! same address, so that pages that are open find it again.
 
 use std::io::Write;
-use std::net::{SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::unix::process::CommandExt;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -40,6 +40,8 @@ pub(in crate::commands) struct Watch {
     listen: SocketAddr,
     token: String,
     running: Option<Running>,
+    /// Whether it has been said where the page is.
+    is_told: bool,
 }
 
 /// The process, over all its lives.
@@ -47,6 +49,8 @@ pub(in crate::commands) struct Watch {
 struct Running {
     lines: SyncSender<String>,
     over: Arc<AtomicBool>,
+    /// Whether somebody answers at the address by now.
+    answers: Arc<AtomicBool>,
     keeper: JoinHandle<()>,
     writer: JoinHandle<()>,
 }
@@ -66,22 +70,31 @@ impl Watch {
         });
         let listen =
             bound.and_then(|bound| bound.local_addr()).with_context(|| format!("--watch: listening at {asked}"))?;
-        Ok(Self { domain: domain.to_owned(), listen, token: echogrid_live::new_token()?, running: None })
+        Ok(Self {
+            domain: domain.to_owned(),
+            listen,
+            token: echogrid_live::new_token()?,
+            running: None,
+            is_told: false,
+        })
     }
 
-    /// Where the page is.
-    pub(in crate::commands) fn address(&self) -> String {
-        echogrid_live::address(self.listen, &self.token)
+    /// Where the page is, once, as soon as it is there.
+    fn news(&mut self) -> Option<String> {
+        let answers = self.running.as_ref().is_some_and(|running| running.answers.load(Ordering::Relaxed));
+        (answers && !std::mem::replace(&mut self.is_told, answers))
+            .then(|| format!("live page: {}", echogrid_live::address(self.listen, &self.token)))
     }
 
     fn start(&mut self) {
         let (lines, to_write) = sync_channel(LINES);
         let (over, pipe) = (Arc::new(AtomicBool::new(false)), Pipe::default());
+        let answers = Arc::new(AtomicBool::new(false));
         let (domain, listen, token) = (self.domain.clone(), self.listen.to_string(), self.token.clone());
-        let (keeper_over, keeper_pipe) = (Arc::clone(&over), Arc::clone(&pipe));
-        let keeper = std::thread::spawn(move || keep(&domain, &listen, &token, &keeper_pipe, &keeper_over));
+        let keeper = Keeper { pipe: Arc::clone(&pipe), over: Arc::clone(&over), answers: Arc::clone(&answers) };
+        let keeper = std::thread::spawn(move || keeper.keep(&domain, &listen, &token));
         let writer = std::thread::spawn(move || write_lines(&to_write, &pipe));
-        self.running = Some(Running { lines, over, keeper, writer });
+        self.running = Some(Running { lines, over, answers, keeper, writer });
     }
 
     fn say(&self, service: &str, level: &str, text: &str) {
@@ -93,7 +106,7 @@ impl Watch {
 
 impl Drop for Watch {
     fn drop(&mut self) {
-        let Some(Running { lines, over, keeper, writer }) = self.running.take() else { return };
+        let Some(Running { lines, over, keeper, writer, .. }) = self.running.take() else { return };
         over.store(true, Ordering::Relaxed);
         // The writer closes the pipe when it has written the last line; the process then leaves.
         drop(lines);
@@ -102,16 +115,45 @@ impl Drop for Watch {
     }
 }
 
-/// Starts the process whenever there is none, until it is over.
-fn keep(domain: &str, listen: &str, token: &str, pipe: &Pipe, over: &AtomicBool) {
-    let mut starts = 0;
-    while !over.load(Ordering::Relaxed) && starts <= RESTARTS_MAX {
-        starts += 1;
-        let Ok(mut child) = spawn(domain, listen, token) else { return };
-        *pipe.lock().unwrap_or_else(PoisonError::into_inner) = child.stdin.take();
-        wait(&mut child, over);
-        let again = Instant::now() + RESTART_AFTER;
-        while !over.load(Ordering::Relaxed) && Instant::now() < again {
+/// Keeps the process running.
+struct Keeper {
+    pipe: Pipe,
+    over: Arc<AtomicBool>,
+    answers: Arc<AtomicBool>,
+}
+
+impl Keeper {
+    /// Starts the process whenever there is none, until it is over.
+    fn keep(&self, domain: &str, listen: &str, token: &str) {
+        let mut starts = 0;
+        while !self.is_over() && starts <= RESTARTS_MAX {
+            starts += 1;
+            let Ok(mut child) = spawn(domain, listen, token) else { return };
+            *self.pipe.lock().unwrap_or_else(PoisonError::into_inner) = child.stdin.take();
+            self.wait(&mut child, listen);
+            let again = Instant::now() + RESTART_AFTER;
+            while !self.is_over() && Instant::now() < again {
+                std::thread::sleep(LOOK_EVERY);
+            }
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.over.load(Ordering::Relaxed)
+    }
+
+    /// Until the process has ended; when all is over it is given a moment.
+    fn wait(&self, child: &mut Child, listen: &str) {
+        let mut deadline = None;
+        while matches!(child.try_wait(), Ok(None)) {
+            if !self.answers.load(Ordering::Relaxed) && TcpStream::connect(listen).is_ok() {
+                self.answers.store(true, Ordering::Relaxed);
+            }
+            if self.is_over() && Instant::now() > *deadline.get_or_insert_with(|| Instant::now() + LEAVE_WITHIN) {
+                let _ = child.kill();
+                let _ = child.wait();
+                return;
+            }
             std::thread::sleep(LOOK_EVERY);
         }
     }
@@ -124,21 +166,6 @@ fn spawn(domain: &str, listen: &str, token: &str) -> std::io::Result<Child> {
     command.env(LIFELINE_VARIABLE, "stdin").stdin(Stdio::piped()).stdout(Stdio::null());
     // Ctrl-C is for the launcher, which tells whom it wants.
     command.process_group(0).spawn()
-}
-
-/// Until the process has ended; when all is over it is given a moment.
-fn wait(child: &mut Child, over: &AtomicBool) {
-    let mut deadline = None;
-    while matches!(child.try_wait(), Ok(None)) {
-        if over.load(Ordering::Relaxed)
-            && Instant::now() > *deadline.get_or_insert_with(|| Instant::now() + LEAVE_WITHIN)
-        {
-            let _ = child.kill();
-            let _ = child.wait();
-            return;
-        }
-        std::thread::sleep(LOOK_EVERY);
-    }
 }
 
 fn write_lines(lines: &Receiver<String>, pipe: &Pipe) {
@@ -158,6 +185,15 @@ pub(in crate::commands) struct Watched {
     pub(in crate::commands) watch: Option<Watch>,
 }
 
+impl Watched {
+    /// Says where the page is as soon as somebody answers there.
+    fn tell_page(&mut self) {
+        if let Some(news) = self.watch.as_mut().and_then(Watch::news) {
+            self.display.print(&news);
+        }
+    }
+}
+
 impl Observer for Watched {
     fn event(&mut self, event: &Event<'_>) {
         if let Some(watch) = &mut self.watch {
@@ -169,10 +205,12 @@ impl Observer for Watched {
             watch.say("launcher", if level == Level::WARN { "warn" } else { "info" }, &text);
         }
         self.display.event(event);
+        self.tell_page();
     }
 
     fn progress(&mut self, progress: &Progress<'_>) {
         self.display.progress(progress);
+        self.tell_page();
     }
 
     fn line(&mut self, name: &str, line: &str) {

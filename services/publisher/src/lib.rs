@@ -70,6 +70,8 @@ pub struct PublisherService {
     sonars: SonarSheet,
     path: Path,
     written: Vec<PathBuf>,
+    /// What the files that were written last lack of the map, in words; empty: nothing.
+    lacking: String,
     /// When the map is saved next, by the sensor's clock; none before the first pose.
     next_save_ns: Option<u64>,
 }
@@ -93,6 +95,7 @@ impl PublisherService {
             sonars,
             path,
             written: Vec::new(),
+            lacking: String::new(),
             next_save_ns: None,
         })
     }
@@ -154,10 +157,13 @@ impl PublisherService {
         // For the log alone.
         let begun = Instant::now();
         self.written = self.saver.save(&self.out, document, &self.config.map_files())?;
-        match Drawable::missing_of(document) {
-            Ok(None) => {}
-            Ok(Some(missing)) => tracing::warn!("all files but map.echogrid lack {missing}"),
-            Err(error) => tracing::warn!(%error, "only map.echogrid can hold the map"),
+        self.lacking = match Drawable::missing_of(document) {
+            Ok(None) => String::new(),
+            Ok(Some(missing)) => format!("all files but map.echogrid lack {missing}"),
+            Err(error) => format!("only map.echogrid can hold the map: {error}"),
+        };
+        if !self.lacking.is_empty() {
+            tracing::warn!("{}", self.lacking);
         }
         if self.config.formats.contains(&MapFormat::Png) {
             self.written.extend(self.sonars.write(&self.out)?);
@@ -207,6 +213,10 @@ impl Service for PublisherService {
 
     fn restore(&mut self, saved: &Saved) -> Result<()> {
         self.path.restore(saved)
+    }
+
+    fn note(&self) -> String {
+        self.lacking.clone()
     }
 
     fn command(&mut self, command: Command, _out: &mut Outbox) -> Result<String> {

@@ -32,6 +32,8 @@ const PICTURE: &str =
 const NO_LOG: &str = "expected a log: odometry and range readings";
 const DATA: &str = "write what it holds as CSV whose header names t, x, y, theta and ranges (docs/logs-formats.md)";
 
+const UTF16: &str = "write it as UTF-8: iconv -f UTF-16 -t UTF-8 FILE > LOG, or in PowerShell Get-Content FILE | Set-Content -Encoding utf8 LOG";
+
 const MAGICS: &[Magic] = &[
     (0, b"#ROSRECORD V", "ROS bag of version 1", "convert it by ROS 1: rosbag fix OLD.bag NEW.bag"),
     (0, b"#ROSBAG V1.", "ROS bag of version 1", "convert it by ROS 1: rosbag fix OLD.bag NEW.bag"),
@@ -40,6 +42,8 @@ const MAGICS: &[Magic] = &[
     (0, b"\x4d\x3c\xb2\xa1", "capture of network packets (pcap)", PACKETS),
     (0, b"\xa1\xb2\x3c\x4d", "capture of network packets (pcap)", PACKETS),
     (0, b"\x0a\x0d\x0d\x0a", "capture of network packets (pcapng)", PACKETS),
+    (0, b"\xff\xfe", "text in UTF-16", UTF16),
+    (0, b"\xfe\xff", "text in UTF-16", UTF16),
     (0, b"\xed\xa1\xda\x01", "LCM log", DATA),
     (0, b"## Player version", "log of Player", DATA),
     (0, b"\x89HDF\r\n\x1a\n", "HDF5 file", DATA),

@@ -268,3 +268,19 @@ proptest! {
         usable(&log);
     }
 }
+
+/// Each line twice: the copies are no evidence, and do not move their like in time.
+#[test]
+fn lines_that_stand_twice_count_once() {
+    let lines = |copies: usize| -> String {
+        let scan = |n: usize| format!("FLASER 3 2.0 2.{n} 2.0 0.{n} 0 0 0.{n} 0 0 {n}.5 h {n}.5\n");
+        (1..9)
+            .map(|n| format!("ODOM 0.{n} 0 0 0.1 0 0 {n}.25 h {n}.25\n").repeat(copies) + &scan(n).repeat(copies))
+            .collect()
+    };
+    let ((once, _), (twice, _)) = (usable(&lines(1)), usable(&lines(2)));
+    // Until the clock has moved it can't be told from one that stands still.
+    assert_eq!(twice.scan_count, once.scan_count);
+    assert_eq!(twice.odometry_count, once.odometry_count + 1);
+    assert_eq!(fault(&twice, FaultKind::Repeated), Some((15, 4)));
+}

@@ -93,6 +93,11 @@ pub trait Service {
         let _ = (topic, out);
     }
 
+    /// What is odd but usable of what it does, for people; empty: nothing to say.
+    fn note(&self) -> String {
+        String::new()
+    }
+
     /// Carries out an order of the user: what was done, in words.
     ///
     /// # Errors

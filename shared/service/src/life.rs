@@ -88,6 +88,9 @@ pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<
             None if steps == 0 => runtime.awaited_input(|topic| service.is_ready_for(topic)),
             None => None,
         });
+        if steps == 0 {
+            runtime.set_note(service.note());
+        }
         if out.is_empty() {
             patience = patience.min(runtime.store_if_due(service, steps == 0)?);
             let counts = |topic| service.outlives(topic);
@@ -101,6 +104,7 @@ pub async fn serve(runtime: &mut Runtime, service: &mut impl Service) -> Result<
     catch_up(runtime, service, &mut out).await?;
     let ended = runtime.inputs_ended(|topic| service.outlives(topic));
     service.step(Input::Finish, &mut out).map_err(judged_last)?;
+    runtime.set_note(service.note());
     drain(runtime, &mut out, ended, |runtime, out| runtime.welcome_newcomers(service, out)).await
 }
 
@@ -151,7 +155,8 @@ pub async fn play(runtime: &mut Runtime, sensor: &mut impl Sensor) -> Result<()>
     let mut again = runtime.begin(is_live).await?;
     runtime.set_state(ServiceState::Running)?;
     tracing::info!("ready");
-    let mut clock = LiveClock::default();
+    // The last that was measured stays spooled until another is.
+    let mut clock = LiveClock::after(again.iter().map(|(stamp_ns, _)| *stamp_ns).max().unwrap_or(0));
     // Messages that the sensor has made.
     let mut made: u64 = 0;
     let mut waiting: Option<(u64, Message)> = None;

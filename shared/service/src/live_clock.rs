@@ -19,6 +19,8 @@ const PAUSE_NS: u64 = 2_000_000_000;
 pub struct LiveClock {
     /// Added to the sensor's stamps, nanoseconds.
     offset_ns: u64,
+    /// The last stamp that an earlier life gave out.
+    begins_ns: u64,
     /// Last stamp given out, and how many in a row were late, by topic.
     tracks: BTreeMap<&'static str, (u64, u32)>,
     /// Stamp of the last pose as the sensor gave it, and how many more had it.
@@ -30,16 +32,27 @@ pub struct LiveClock {
 }
 
 impl LiveClock {
+    /// A clock that goes on after the last stamp of an earlier life: a sensor that is started again may count its time anew.
+    #[must_use]
+    pub fn after(begins_ns: u64) -> Self {
+        Self { begins_ns, ..Self::default() }
+    }
+
     /// The stamp for a message that the sensor gives this one.
     #[must_use]
     pub fn stamp_ns(&mut self, topic: Topic, raw_ns: u64) -> u64 {
         if !topic.delivery().is_stream() {
             return raw_ns.saturating_add(self.offset_ns);
         }
+        if self.tracks.is_empty() && raw_ns < self.begins_ns {
+            let back_s = (self.begins_ns - raw_ns) as f64 * 1e-9;
+            tracing::warn!(back_s, "the clock of the sensor begins before where it was: its stamps are moved on");
+            self.offset_ns = (self.begins_ns - raw_ns).saturating_add(PERIOD_NS);
+        }
         let stands_still = self.stands_still(topic, raw_ns);
         let period_ns = if self.flown_ns == 0 { PERIOD_NS } else { self.flown_ns / self.poses.max(1) };
         let newest_ns = self.tracks.values().map(|(last_ns, _)| *last_ns).max().unwrap_or(0);
-        let (last_ns, late) = self.tracks.entry(topic.name()).or_default();
+        let (last_ns, late) = self.tracks.entry(topic.name()).or_insert((self.begins_ns, 0));
         let mut stamp_ns = raw_ns.saturating_add(self.offset_ns);
         if stands_still {
             // A scan belongs to the pose before it.
@@ -128,6 +141,16 @@ mod tests {
             .map(|(topic, tenth)| clock.stamp_ns(topic, tenth * TENTH) / TENTH)
             .to_vec();
         assert_eq!(given, [5, 6, 6]);
+    }
+
+    #[test]
+    fn a_clock_that_begins_anew_goes_on_where_it_was() {
+        let mut clock = LiveClock::after(90 * TENTH);
+        let given = [(Topic::OdometryRaw, 0), (Topic::RangeScan, 0), (Topic::OdometryRaw, 2), (Topic::OdometryRaw, 3)];
+        let given = given.map(|(topic, tenth)| clock.stamp_ns(topic, tenth * TENTH) / TENTH);
+        assert_eq!(given, [91, 91, 93, 94]);
+        // One that went on meanwhile is believed.
+        assert_eq!(LiveClock::after(90 * TENTH).stamp_ns(Topic::OdometryRaw, 120 * TENTH), 120 * TENTH);
     }
 
     proptest! {

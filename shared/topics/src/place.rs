@@ -77,8 +77,9 @@ impl Place {
             return fault("epoch", epoch, "that of the run, as the plan says");
         }
         if epoch != self.epoch {
-            // Whoever only looks on takes any run.
-            *self = Self { epoch, lost: self.lost, ..Self::default() };
+            // Whoever only looks on takes any run; what was before it came is not lost.
+            let come_at = if self.expected.is_none() { sequence.saturating_sub(1) } else { 0 };
+            *self = Self { epoch, lost: self.lost, expected: self.expected, sequence: come_at, ..Self::default() };
         }
         match self.lives.iter_mut().find(|(known, _)| *known == life) {
             Some((_, last)) if sequence <= *last => return fault("sequence", sequence, "more than the one before"),

@@ -72,6 +72,17 @@ pub(crate) enum Found {
     Udacity { measurement: PathBuf, poses: PathBuf },
 }
 
+impl Found {
+    /// The format of the log.
+    pub(crate) fn format(&self) -> LogFormat {
+        match self {
+            Self::Text { dialect, .. } => dialect.format(),
+            Self::Recording { format, .. } => *format,
+            Self::Udacity { .. } => LogFormat::UdacitySonar,
+        }
+    }
+}
+
 /// What a text looks like.
 #[derive(Debug, Clone, PartialEq)]
 enum Looks {
@@ -124,7 +135,10 @@ pub(crate) fn detect(path: &Path) -> Result<Found, LogError> {
         Looks::Poses => Ok(Found::Udacity { measurement: beside(path, "measurement.txt")?, poses: path.to_path_buf() }),
         Looks::Unknown => Err(match in_place_of_a_log(&head) {
             Some(kind) => LogError::Foreign { path: path.to_path_buf(), kind },
-            None => LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) },
+            None => match Dialect::wrong_with_table(head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&head)) {
+                Some(why) => LogError::Table { path: path.to_path_buf(), why },
+                None => LogError::UnknownFormat { path: path.to_path_buf(), begins: printable(&head) },
+            },
         }),
     }
 }

@@ -64,6 +64,14 @@ pub enum LogError {
         /// Its first bytes, escaped.
         begins: String,
     },
+    /// A table whose header does not say what is needed.
+    #[error("{}: a table, but {why}", path.display())]
+    Table {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with the header.
+        why: String,
+    },
     /// A file of a kind that is known, and is no log.
     #[error("{}: is {}, which can't be read as a log: {}", path.display(), kind.with_article(), kind.advice)]
     Foreign {
@@ -71,6 +79,14 @@ pub enum LogError {
         path: PathBuf,
         /// What it is.
         kind: crate::Foreign,
+    },
+    /// Topics are named, and it has none.
+    #[error("{}: a {format}, which has no topics that could be named (--topic, replay.topics and topic:NAME are for recordings)", path.display())]
+    NoTopics {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        format: LogFormat,
     },
     /// What of a recording is to be used can't be told.
     #[error("{}: {why}; it holds{list}", path.display())]

@@ -72,6 +72,8 @@ pub enum FaultKind {
     MessageDamaged,
     /// Readings of a sensor that was not there when the robot was described; they are not used.
     SensorCameLate,
+    /// A line is, word for word, the one of its kind before it, stamp included: it is used once.
+    Repeated,
 }
 
 /// What is counted, where something is said to be.
@@ -127,6 +129,7 @@ impl core::fmt::Display for FaultKind {
             Self::ChunkDamaged => "chunk of messages damaged",
             Self::MessageDamaged => "message that is not what its type says",
             Self::SensorCameLate => "readings of a sensor that the first lines did not show, not used",
+            Self::Repeated => "line that repeats the one of its kind before it, word for word, used once",
         })
     }
 }

@@ -70,14 +70,18 @@ pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
 /// # Errors
 /// As [`survey`].
 pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, LogError> {
-    match detect(path)? {
+    let found = detect(path)?;
+    let names_topics = !options.topics.is_empty() || options.truth.is_some();
+    if names_topics && !matches!(found, Found::Recording { .. }) {
+        return Err(LogError::NoTopics { path: path.to_path_buf(), format: found.format() });
+    }
+    match found {
         Found::Text { path, dialect } => carmen::survey_of(detect::open_file(&path)?, &path, dialect, options),
         Found::Recording { files, format } => {
             let container = || recording::open(&files, format, u64::MAX);
             let inventory = recording::inventory(path, container()?)?;
             // Who names topics wants those.
-            let asks_for_others = !options.topics.is_empty() || options.truth.is_some();
-            if !asks_for_others && recording::is_native(path, &inventory)? {
+            if !names_topics && recording::is_native(path, &inventory)? {
                 return recording::survey_native(container()?, path);
             }
             let plan = Arc::new(recording::choose(path, &inventory, &options)?);
@@ -94,11 +98,7 @@ pub fn survey_with(path: &Path, options: SurveyOptions) -> Result<LogSurvey, Log
 /// # Errors
 /// When the file can't be read or is of no known format.
 pub fn detect_format(path: &Path) -> Result<LogFormat, LogError> {
-    Ok(match detect(path)? {
-        Found::Text { dialect, .. } => dialect.format(),
-        Found::Recording { format, .. } => format,
-        Found::Udacity { .. } => LogFormat::UdacitySonar,
-    })
+    Ok(detect(path)?.format())
 }
 
 /// Reads the log at `path` a second time: its events, in stamp order.

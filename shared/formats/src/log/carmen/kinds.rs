@@ -9,6 +9,7 @@ use super::ceiling::RangeTally;
 use super::fans::{self, FanNumbers, Fans};
 use super::laser_view;
 use super::message::{Carried, Described, ScanKind, ScanLine, Shape};
+use super::mount::{self, Mount};
 use super::origin::Origin;
 use super::rings::Rings;
 use super::units::{RangeUnit, Seen, UnitTally};
@@ -21,10 +22,6 @@ const LIDAR_MIN_M: f64 = 0.02;
 const SONAR_MIN_M: f64 = 0.1;
 const LIDAR_ERROR_RATIO: f64 = 0.002;
 const SONAR_ERROR_RATIO: f64 = 0.01;
-/// A mount pose is taken from the poses in the messages if they agree to this, metres and radians.
-const SAME_MOUNT: f64 = 0.01;
-/// A sensor sits no farther than this from the robot's base, metres.
-const MOUNT_MAX_M: f64 = 3.0;
 /// No range sensor of a robot sees farther: a larger maximum says nothing, metres.
 const STATED_MAX_M: f64 = 1000.0;
 
@@ -49,14 +46,6 @@ pub(crate) struct KindRecord {
     tally: RangeTally,
     units: UnitTally,
     mount: Mount,
-}
-
-/// Where the messages' poses say the sensor sits.
-#[derive(Debug, Clone, Copy)]
-enum Mount {
-    Unsaid,
-    Agreed(Pose2),
-    Contradictory,
 }
 
 impl KindRecord {
@@ -107,12 +96,7 @@ impl KindRecord {
             }
         }
         if let Some(Carried { odom_from_base, odom_from_sensor: Some(odom_from_sensor), .. }) = scan.carried {
-            let base_from_sensor = odom_from_base.inverse() * odom_from_sensor;
-            self.mount = match self.mount {
-                Mount::Unsaid => Mount::Agreed(base_from_sensor),
-                Mount::Agreed(first) if near(first, base_from_sensor, SAME_MOUNT) => Mount::Agreed(first),
-                Mount::Agreed(_) | Mount::Contradictory => Mount::Contradictory,
-            };
+            self.mount.add(odom_from_base.inverse() * odom_from_sensor);
         }
         true
     }
@@ -216,10 +200,6 @@ pub(crate) enum Unusable {
     Unit(ScanKind, u64, String),
 }
 
-fn near(a: Pose2, b: Pose2, tolerance: f64) -> bool {
-    a.distance_m(b) < tolerance && echogrid_core::wrap_angle(a.theta - b.theta).abs() < tolerance
-}
-
 /// The kinds that are used. Loggers write one scan under several names (`FLASER`, `ROBOTLASER1`
 /// and `RAWLASER1` are the front laser, `RLASER`, `ROBOTLASER2` and `RAWLASER2` the rear one): of
 /// each group the name with most lines is used, the others repeat it.
@@ -288,7 +268,7 @@ pub(crate) fn robot_and_plan(
             Layout::Rings(rings) => rings.remarks(),
         };
         sensors.remarks.extend(remarks.into_iter().map(|remark| format!("{name}: {remark}")));
-        sensors.remarks.extend(turned(*kind, of_kind.first()));
+        sensors.remarks.extend(mount::remarks(*kind, record.mount, of_kind.first(), &number));
         if matches!(record.layout, Layout::Fans(_)) {
             let is_stated = !matches!(kind, ScanKind::Front | ScanKind::Rear) || record.described.is_some();
             sensors.remarks.extend(laser_view::lay(&name, &mut of_kind, options.laser_view_rad(), is_stated));
@@ -430,7 +410,7 @@ fn numbered(
     match &record.layout {
         Layout::Fans(fans) => {
             let mount = record.described.map(|sensor| sensor.base_from_sensor);
-            let mount = mount.unwrap_or_else(|| laser_mount(kind, record.mount, number));
+            let mount = mount.unwrap_or_else(|| mount::of_laser(kind, record.mount, number));
             let (numbers, beams) = FanNumbers::new(fans, circle, next)?;
             let lidar = |beams: fans::SensorBeams| Sensor {
                 transducers: beams.transducers,
@@ -449,51 +429,5 @@ fn numbered(
             };
             Some((Numbers::Rings(rings.clone(), first), (first..).zip(&rings.sonars).map(sonar).collect()))
         }
-    }
-}
-
-/// A laser of `FLASER` or `RLASER` that does not look where these do, in words.
-fn turned(kind: ScanKind, sensor: Option<&Sensor>) -> Option<String> {
-    let usual = match kind {
-        ScanKind::Front => 0.0,
-        ScanKind::Rear => core::f64::consts::PI,
-        _ => return None,
-    };
-    let heading = sensor?.base_from_sensor.theta;
-    let is_turned = echogrid_core::wrap_angle(heading - usual).abs() > SAME_MOUNT;
-    // Half a turn has no sense of rotation.
-    let degrees = if heading.abs() > core::f64::consts::PI - SAME_MOUNT { 180.0 } else { heading.to_degrees() };
-    is_turned.then(|| {
-        let off = format!("the laser's heading is {degrees:.1}° from the robot's in every line");
-        format!("{}: {off}: it is mapped as turned by that", kind.name())
-    })
-}
-
-/// Where a laser sits: the log's parameter says it, else the laser and robot poses of the
-/// messages if they agree, else it sits on the base. A rear laser looks backwards, unless its heading is turned against the robot's
-/// in every line; so does a front laser then.
-fn laser_mount(kind: ScanKind, mount: Mount, number: &dyn Fn(&str) -> Option<f64>) -> Pose2 {
-    let (param, facing) = match kind {
-        ScanKind::Front | ScanKind::Robot(1) | ScanKind::Raw(1) => (Some("robot_frontlaser_offset"), 0.0),
-        ScanKind::Rear | ScanKind::Robot(2) | ScanKind::Raw(2) => {
-            (Some("robot_rearlaser_offset"), core::f64::consts::PI)
-        }
-        _ => (None, 0.0),
-    };
-    let stated = param.and_then(number).filter(|offset| offset.abs() < MOUNT_MAX_M);
-    let seen = match mount {
-        // Equal poses say nothing: corrected logs write the same pose twice.
-        Mount::Agreed(pose) if pose.distance_m(Pose2::IDENTITY) < MOUNT_MAX_M && !near(pose, Pose2::IDENTITY, 1e-6) => {
-            Some(pose)
-        }
-        _ => None,
-    };
-    // The heading in FLASER and RLASER lines is the robot's, unless it is said to be another.
-    let facing = seen.map(|pose| pose.theta).filter(|theta| theta.abs() > SAME_MOUNT).unwrap_or(facing);
-    match (kind, stated, seen) {
-        (ScanKind::Robot(_), _, Some(pose)) => pose,
-        (_, Some(offset), _) => Pose2::new(offset, 0.0, facing),
-        (_, None, Some(pose)) => Pose2::new(pose.x, pose.y, facing),
-        (_, None, None) => Pose2::new(0.0, 0.0, facing),
     }
 }

@@ -9,6 +9,7 @@ use echogrid_core::{Echo, Reading};
 use super::kinds::{CarmenPlan, UsedKind};
 use super::message::{Message, ScanLine};
 use super::origin::Origin;
+use super::repeats::Repeats;
 use crate::log::dialect::Dialect;
 use crate::log::lines::{Line, Lines};
 use crate::log::recording::{Container, Messages};
@@ -34,6 +35,7 @@ pub fn read(stored: impl Read + Send + 'static, path: &Path, survey: &LogSurvey)
         shrunk: None,
         surveyed,
         dialect,
+        repeats: Repeats::default(),
         path: path.to_path_buf(),
         plan: survey.plan.clone(),
         timeline: EventLine::new(&survey.clock),
@@ -48,6 +50,7 @@ struct CarmenReader<R: Read> {
     /// Bytes of the file when it was surveyed.
     surveyed: u64,
     dialect: Dialect,
+    repeats: Repeats,
     path: PathBuf,
     plan: CarmenPlan,
     timeline: EventLine,
@@ -66,7 +69,12 @@ impl<R: Read> Iterator for CarmenReader<R> {
                 // What is refused has been counted by the survey.
                 Ok(Some(Line::Bytes(number, bytes))) => {
                     let (plan, timeline) = (&self.plan, &mut self.timeline);
+                    let repeats = &mut self.repeats;
+                    let stands_twice = repeats.stands_twice(bytes);
                     let _ = self.dialect.parse(bytes, &mut |message| {
+                        if repeats.is_copy(stands_twice, &message) {
+                            return;
+                        }
                         if let Some(line) = timed_line(number, message, plan) {
                             timeline.push(line);
                         }

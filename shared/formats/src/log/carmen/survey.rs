@@ -11,6 +11,7 @@ use echogrid_core::robot::SENSORS_MAX;
 use super::kinds::{CarmenPlan, KindRecord, Sensors, Unusable, kinds_in_use, robot_and_plan};
 use super::message::{Message, ScanKind, ScanLine};
 use super::origin::Origin;
+use super::repeats::Repeats;
 use super::speeds::Speeds;
 use crate::log::dialect::Dialect;
 use crate::log::fault::{Fault, FaultCounter, FaultKind, Refusal, first_fault};
@@ -24,6 +25,8 @@ use crate::log::{LogError, LogFormat, LogSurvey, SurveyOptions};
 /// Parameters that are kept, and their longest value in bytes.
 const PARAMS_MAX: usize = 4096;
 const PARAM_BYTES: usize = 1024;
+/// As much of a line as is shown.
+const SAMPLE_BYTES: usize = 300;
 /// Names of unknown messages that are told apart.
 const NAMES_MAX: usize = 64;
 
@@ -109,6 +112,7 @@ pub(super) struct Surveyor {
     speeds: Speeds,
     /// Messages without a stamp so far.
     unstamped: u64,
+    repeats: Repeats,
     /// The first line that names more sonars than a robot can have, and how many.
     most_sonars: Option<(u64, usize)>,
     options: SurveyOptions,
@@ -126,6 +130,7 @@ impl Surveyor {
             odom_from_base: None,
             speeds: Speeds::default(),
             unstamped: 0,
+            repeats: Repeats::default(),
             most_sonars: None,
             options,
             origin,
@@ -152,7 +157,15 @@ impl Surveyor {
         match line {
             Line::Bytes(number, bytes) => {
                 let unstamped = self.unstamped;
-                let outcome = dialect.parse(bytes, &mut |message| self.message(number, message));
+                let stands_twice = self.repeats.stands_twice(bytes);
+                let outcome = dialect.parse(bytes, &mut |message| {
+                    if self.repeats.is_copy(stands_twice, &message) {
+                        let line = String::from_utf8_lossy(&bytes[..bytes.len().min(SAMPLE_BYTES)]);
+                        self.faults.count(number, Refusal::new(FaultKind::Repeated, line));
+                    } else {
+                        self.message(number, message);
+                    }
+                });
                 if self.unstamped > unstamped {
                     let refusal = Refusal::new(FaultKind::BadStamp, dialect.stamp_of(bytes));
                     self.faults.count_many(number, refusal, self.unstamped - unstamped);

@@ -26,6 +26,11 @@ const COLUMNS_MAX: usize = 65_536;
 /// No lidar has a beam of a higher number.
 const BEAMS_MAX: u16 = 16_384;
 const NUMBER_MAX: f64 = 1e6;
+/// Names of columns that an error shows.
+const NAMES_SHOWN: usize = 12;
+/// Names of the columns of stamps, and of headings.
+const STAMPS: [&str; 4] = ["t", "time", "stamp", "timestamp"];
+const HEADINGS: [&str; 3] = ["theta", "yaw", "heading"];
 
 /// What the header says.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,31 +51,59 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    /// Those of a table, if the first line that is neither blank nor a comment is a header with a stamp and a pose.
-    pub(super) fn of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Self> {
-        let header = lines.find(|line| is_row(line))?.trim();
-        let separator = [',', ';', '\t'].into_iter().find(|separator| header.contains(*separator))?;
+    /// Those of a table, whose header is the first line that is neither blank nor a comment.
+    ///
+    /// # Errors
+    /// What is wrong with the header, in words; none: it is no table's.
+    pub(super) fn of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Result<Self, Option<String>> {
+        let header = lines.find(|line| is_row(line)).ok_or(None)?.trim();
+        let separator = [',', ';', '\t'].into_iter().find(|separator| header.contains(*separator)).ok_or(None)?;
         let names: Vec<String> = header.split(separator).map(plain_name).collect();
         if names.len() > COLUMNS_MAX {
-            return None;
+            return Err(None);
         }
-        let find = |wanted: &[&str], units: &[(&str, f64)]| {
-            names.iter().enumerate().find_map(|(at, name)| {
+        let all = |wanted: &[&str], units: &[(&str, f64)]| -> Vec<(usize, f64)> {
+            let unit_of = |name: &String| {
                 let (name, unit) = with_unit(name, units);
-                wanted.contains(&name).then_some((at, unit))
-            })
+                wanted.contains(&name).then_some(unit)
+            };
+            names.iter().enumerate().filter_map(|(at, name)| Some((at, unit_of(name)?))).collect()
         };
+        let find = |wanted: &[&str], units: &[(&str, f64)]| all(wanted, units).first().copied();
         let stamps = [("_ns", 1.0), ("_us", 1e3), ("_ms", 1e6), ("_s", 1e9)];
-        let stamp = find(&["t", "time", "stamp", "timestamp"], &stamps)?;
-        let ns = if stamp.1 == 1.0 && !names.get(stamp.0)?.ends_with("_ns") { 1e9 } else { stamp.1 };
+        let angles = [("_rad", 1.0), ("_deg", 1_f64.to_radians())];
+        let needed: [(&[&str], &[(&str, f64)], &str); 4] = [
+            (&STAMPS, &stamps, "t, time, stamp or timestamp (_s, _ms, _us, _ns)"),
+            (&["x"], &LENGTHS, "x (_m, _cm, _mm)"),
+            (&["y"], &LENGTHS, "y (_m, _cm, _mm)"),
+            (&HEADINGS, &angles, "theta, yaw or heading (_rad, _deg)"),
+        ];
+        // Two of four are no accident.
+        let is_table = needed.iter().filter(|(wanted, units, _)| find(wanted, units).is_some()).count() >= 2;
+        for (wanted, units, expected) in needed {
+            let found = all(wanted, units);
+            if let [first, second, ..] = found.as_slice() {
+                let (first, second) = (first.0 + 1, second.0 + 1);
+                return Err(
+                    is_table.then(|| format!("columns {first} and {second} are both {}: which counts?", wanted[0]))
+                );
+            }
+            if found.is_empty() {
+                return Err(is_table.then(|| format!("no column is named {expected}; there are {}", listed(&names))));
+            }
+        }
+        let (stamp, x, y, theta) =
+            (find(&STAMPS, &stamps), find(&["x"], &LENGTHS), find(&["y"], &LENGTHS), find(&HEADINGS, &angles));
+        let (stamp, x, y, theta) = (stamp.ok_or(None)?, x.ok_or(None)?, y.ok_or(None)?, theta.ok_or(None)?);
+        let ns = if stamp.1 == 1.0 && !names[stamp.0].ends_with("_ns") { 1e9 } else { stamp.1 };
         let mut columns = Self {
             separator,
             header: header.to_owned(),
             count: names.len(),
             stamp: (stamp.0, ns as u64),
-            x: find(&["x"], &LENGTHS)?,
-            y: find(&["y"], &LENGTHS)?,
-            theta: find(&["theta", "yaw", "heading"], &[("_rad", 1.0), ("_deg", 1_f64.to_radians())])?,
+            x,
+            y,
+            theta,
             v: find(&["v"], &[("_mps", 1.0)]).map(|(at, _)| at),
             w: find(&["w"], &[("_radps", 1.0)]).map(|(at, _)| at),
             beams: Vec::new(),
@@ -95,7 +128,13 @@ impl Columns {
         columns.beams =
             last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect());
         let has_ranges = !(columns.beams.is_empty() && columns.sonars.is_empty());
-        has_ranges.then_some(columns)
+        if has_ranges {
+            return Ok(columns);
+        }
+        Err(Some(format!(
+            "no column holds ranges: r0, r1 … of a lidar, or sonar_90 of a sonar that looks to 90° (_m, _cm, _mm); there are {}",
+            listed(&names)
+        )))
     }
 
     /// The odometry of a row, then its readings.
@@ -175,8 +214,20 @@ fn is_row(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
 }
 
+/// A name as it is compared: `Theta [deg]` is `theta_deg`.
 fn plain_name(name: &str) -> String {
-    name.trim().trim_matches('"').trim().to_ascii_lowercase()
+    let name = name.trim().trim_matches('"').trim().to_ascii_lowercase();
+    match name.strip_suffix([']', ')']).and_then(|name| name.split_once(['[', '('])) {
+        Some((name, unit)) => format!("{}_{}", name.trim(), unit.trim()),
+        None => name,
+    }
+}
+
+/// Names of columns, for people.
+fn listed(names: &[String]) -> String {
+    let shown: Vec<&str> = names.iter().take(NAMES_SHOWN).map(String::as_str).collect();
+    let more = if names.len() > shown.len() { " …" } else { "" };
+    format!("{}{more}", shown.join(", "))
 }
 
 /// A name without its unit, and what one of it is.
@@ -213,6 +264,8 @@ mod tests {
     fn units_are_in_the_names() {
         let text = "# made by hand\nTime_ms; X_cm;y_cm;Heading_deg;r0_mm;r1_mm;battery\n1500.5;100;-50;90;1000;;7\n";
         assert_eq!(messages(text), ["odometry 1.000 -0.500 1.571 Some(1500500000)", "Front [1.0, NaN]"]);
+        let text = "t (ms),x [m],y[cm],theta (deg),r0\n1500;\n1500,1,50,90,2\n";
+        assert_eq!(messages(text)[1], "odometry 1.000 0.500 1.571 Some(1500000000)");
         let text = "t,x,y,theta,sonar_-90,sonar_37.5\n0.25,1,2,3,4,5\n0.5,1,2,3,,\n";
         let expected = [
             "odometry 1.000 2.000 3.000 Some(250000000)",
@@ -239,8 +292,20 @@ mod tests {
 
     #[test]
     fn a_table_without_a_pose_or_ranges_is_none() {
-        for text in ["", "t,x,y\n", "t,x,y,theta\n", "x,y,theta,r0\n", "t x y theta r0\n"] {
-            assert_eq!(Columns::of(text.lines()), None, "{text}");
+        for (text, expected) in [
+            ("", None),
+            ("t x y theta r0\n", None),
+            ("a, b\n", None),
+            ("t,x,y\n", Some("no column is named theta, yaw or heading")),
+            ("x,y,theta,r0\n", Some("no column is named t, time, stamp")),
+            ("t,x,x,y,theta,r0\n", Some("columns 2 and 3 are both x")),
+            ("t,x,y,theta,sonar_front\n", Some("there are t, x, y, theta, sonar_front")),
+        ] {
+            let wrong = Columns::of(text.lines()).unwrap_err();
+            match expected {
+                None => assert_eq!(wrong, None, "{text}"),
+                Some(expected) => assert!(wrong.as_ref().is_some_and(|wrong| wrong.contains(expected)), "{wrong:?}"),
+            }
         }
     }
 }

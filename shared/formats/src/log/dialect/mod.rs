@@ -38,7 +38,12 @@ impl Dialect {
         if wean::looks_like(lines()) {
             return Some(Self::Wean);
         }
-        csv::Columns::of(lines()).map(Self::Csv)
+        csv::Columns::of(lines()).ok().map(Self::Csv)
+    }
+
+    /// What is wrong with a table that can't be read, if it is one.
+    pub(crate) fn wrong_with_table(head: &[u8]) -> Option<String> {
+        csv::Columns::of(head.split(|byte| *byte == b'\n').filter_map(|line| core::str::from_utf8(line).ok())).err()?
     }
 
     pub(crate) fn format(&self) -> LogFormat {
