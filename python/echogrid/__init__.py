@@ -7,7 +7,7 @@
         sensor.scan(0.0, {0: 1.5})
         sensor.odometry(0.1, x=0.02, y=0.0, theta=0.0)
 
-What talks to a graph (`Sensor`, `MapListener`) needs the package `iceoryx2`, 0.10.0; what computes (`GridMapper`, `Odometry`, `read_map`,
+What talks to a graph (`Sensor`, `MapListener`, `Planner`) needs the package `iceoryx2`, 0.10.0; what computes (`GridMapper`, `Odometry`, `read_map`,
 `score`) needs the wheel, which carries the core. Stamps are seconds, lengths metres, angles radians, counter-clockwise; x is forward, y is
 left. docs/python.md tells more.
 """
@@ -19,6 +19,7 @@ _PLACES = {
     "grid": ["Grid"],
     "sensor": ["Sensor"],
     "maps": ["MapListener"],
+    "planner": ["Place", "Planner"],
     "graph": ["GraphError", "Orphaned"],
     "core": ["Estimate", "GridMapper", "Odometry", "PathPoint", "SavedMap", "read_map", "score"],
 }

@@ -81,9 +81,9 @@ class Domain:
     def _service(self, name):
         return self.node.service_builder(iox2.ServiceName.new(name))
 
-    def topic(self, name):
-        """The publish-subscribe service of a topic."""
-        topic = layouts.TOPICS[name]
+    def topic(self, name, topic=None):
+        """The publish-subscribe service of a topic; `topic` says what one is that the contract does not have."""
+        topic = topic or layouts.TOPICS[name]
         schema = iox2.AttributeVerifier.new().require(
             iox2.AttributeKey.new("schema"), iox2.AttributeValue.new(topic.payload.type_name())
         )
@@ -110,9 +110,9 @@ def running_domain():
 class Output:
     """A topic that this process writes."""
 
-    def __init__(self, domain, name, epoch, slice_len=1):
-        self.name, self.topic, self.epoch = name, layouts.TOPICS[name], epoch
-        builder = domain.topic(name).publisher_builder()
+    def __init__(self, domain, name, epoch, slice_len=1, topic=None):
+        self.name, self.topic, self.epoch = name, topic or layouts.TOPICS[name], epoch
+        builder = domain.topic(name, topic).publisher_builder()
         self._publisher = (builder.initial_max_slice_len(slice_len) if self.topic.is_slice else builder).create()
         self._notifier = domain.event(name).notifier_builder().create()
         self._life = time.time_ns() & 0xFFFFFFFF

@@ -172,7 +172,7 @@ fn lines_that_are_none_are_said_with_their_number_and_a_program_that_cannot_map_
 }
 
 /// A Python that has what the module needs: the one that `ECHOGRID_PYTHON` names, or a virtual environment that is made for the tests.
-fn python() -> Option<PathBuf> {
+pub(crate) fn python() -> Option<PathBuf> {
     let has_all = |python: &PathBuf| {
         let import = Command::new(python).args(["-c", "import iceoryx2, numpy"]).output();
         import.is_ok_and(|output| output.status.success())
@@ -197,7 +197,8 @@ fn python() -> Option<PathBuf> {
     is_there.then_some(python)
 }
 
-const MODULE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/python");
+/// Where the module lies.
+pub(crate) const MODULE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/python");
 
 /// A script of the examples as the sensor.
 fn python_sensor(python: &Path, script: &str) -> Foreign {

@@ -62,17 +62,17 @@ impl Columns {
         if names.len() > COLUMNS_MAX {
             return Err(None);
         }
-        let all = |wanted: &[&str], units: &[(&str, f64)]| -> Vec<(usize, f64)> {
+        let all = |wanted: &[&str], units: &[Unit]| -> Vec<(usize, f64)> {
             let unit_of = |name: &String| {
                 let (name, unit) = with_unit(name, units);
                 wanted.contains(&name).then_some(unit)
             };
             names.iter().enumerate().filter_map(|(at, name)| Some((at, unit_of(name)?))).collect()
         };
-        let find = |wanted: &[&str], units: &[(&str, f64)]| all(wanted, units).first().copied();
+        let find = |wanted: &[&str], units: &[Unit]| all(wanted, units).first().copied();
         let stamps = [("_ns", 1.0), ("_us", 1e3), ("_ms", 1e6), ("_s", 1e9)];
         let angles = [("_rad", 1.0), ("_deg", 1_f64.to_radians())];
-        let needed: [(&[&str], &[(&str, f64)], &str); 4] = [
+        let needed: [(&[&str], &[Unit], &str); 4] = [
             (&STAMPS, &stamps, "t, time, stamp or timestamp (_s, _ms, _us, _ns)"),
             (&["x"], &LENGTHS, "x (_m, _cm, _mm)"),
             (&["y"], &LENGTHS, "y (_m, _cm, _mm)"),
@@ -208,7 +208,10 @@ impl Columns {
     }
 }
 
-const LENGTHS: [(&str, f64); 3] = [("_mm", 0.001), ("_cm", 0.01), ("_m", 1.0)];
+/// The end of a name that says a unit, and what one of it is.
+type Unit = (&'static str, f64);
+
+const LENGTHS: [Unit; 3] = [("_mm", 0.001), ("_cm", 0.01), ("_m", 1.0)];
 
 fn is_row(line: &str) -> bool {
     !line.trim().is_empty() && !line.trim_start().starts_with('#')
@@ -231,7 +234,7 @@ fn listed(names: &[String]) -> String {
 }
 
 /// A name without its unit, and what one of it is.
-fn with_unit<'n>(name: &'n str, units: &[(&str, f64)]) -> (&'n str, f64) {
+fn with_unit<'n>(name: &'n str, units: &[Unit]) -> (&'n str, f64) {
     let found = units.iter().find_map(|(unit, one)| name.strip_suffix(unit).map(|name| (name, *one)));
     found.unwrap_or((name, 1.0))
 }
