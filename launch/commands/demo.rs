@@ -18,10 +18,12 @@ const DRIVE: &str = "drive.log.gz";
 
 /// What it runs; what the user set has the last word.
 pub(super) fn request(asked: LoadRequest) -> LoadRequest {
+    // SLAM needs a lidar, and asks nobody where the robot is.
+    let (robot, fix) = if asked.slam { ("laser", None) } else { ("pioneer3at", Some("truth".to_owned())) };
     LoadRequest {
         sensor: Some("simulator".to_owned()),
-        robot: asked.robot.or_else(|| Some("pioneer3at".to_owned())),
-        fix: asked.fix.or_else(|| Some("truth".to_owned())),
+        robot: asked.robot.or_else(|| Some(robot.to_owned())),
+        fix: asked.fix.or(fix),
         sets: SETTINGS.map(str::to_owned).into_iter().chain(asked.sets).collect(),
         ..asked
     }
