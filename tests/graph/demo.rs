@@ -59,3 +59,15 @@ fn a_demo_that_is_stopped_keeps_and_scores_the_map_so_far() {
     assert!(ended.stdout.contains("stopped before its end") && ended.stdout.contains("bits "), "{}", ended.stdout);
     assert_eq!(ended.leftovers(), Vec::<String>::new());
 }
+
+#[test]
+fn with_slam_the_demo_drives_a_lidar_that_asks_nobody_where_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = path(folder.path());
+    let output = echogrid(["demo", "--slam", "--set", "simulator.duration_s=40", "--out", &out, "--json", "-q"]);
+    assert!(output.status.success(), "{}", said(&output));
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(told["fixes"] == 0 && told["slam"].is_object(), "{told}");
+    let error = &told["score"]["path_error"];
+    assert!(error["absolute_mean_m"].as_f64().is_some_and(|mean_m| mean_m < 0.05), "{error}");
+}
