@@ -12,7 +12,7 @@ use super::super::{SupervisionConfig, Wiring};
 use super::localizing::{LOCALIZATION, LOCALIZER, ODOMETRY, SLAM};
 use super::mapping::{MAPPER, PUBLISHER, RECORDER};
 use super::sensing::{LIDAR, PIONEER, REPLAY, SIMULATOR};
-use super::{Section, Text, defaults, key, number, probe, text, words};
+use super::{NOTHING, Section, Text, defaults, key, number, probe, refused, text, words};
 
 /// All tables of a graph file but `[services]`.
 pub(crate) static GRAPH: &[&Section] = &[
@@ -69,6 +69,7 @@ static RUN: Section = Section {
     ],
     probe: probe::<RunConfig>,
     defaults: defaults::<RunConfig>,
+    refuses: NOTHING,
 };
 
 static SUPERVISION: Section = Section {
@@ -102,6 +103,7 @@ static SUPERVISION: Section = Section {
     ],
     probe: probe::<SupervisionConfig>,
     defaults: defaults::<SupervisionConfig>,
+    refuses: |table| refused(table, SupervisionConfig::validate),
 };
 
 /// `[services.<name>]`.
@@ -154,6 +156,7 @@ pub(crate) static SERVICE: Section = Section {
     ],
     probe: probe::<AsWritten>,
     defaults: defaults::<AsWritten>,
+    refuses: NOTHING,
 };
 
 /// `[topics.<name>]`.
@@ -177,6 +180,7 @@ pub(crate) static TOPIC: Section = Section {
     ],
     probe: probe::<DeclaredTopic>,
     defaults: defaults::<DeclaredTopic>,
+    refuses: NOTHING,
 };
 
 /// A service before what it leaves out is filled in.

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 use toml::{Table, Value};
 
+use super::range;
 use super::{FOOTPRINT, GRAPH, Key, LIDAR, ODOMETRY, ROBOT, SERVICE, SIMULATOR, SONAR, SONARS, Section, TOPIC};
 
 /// The draft that schemas are written in.
@@ -79,9 +80,7 @@ fn forms(section: &Section, key: &Key, default: Option<&Value>) -> Vec<Json> {
     let is_number = takes(Value::Float(0.5)) || takes_default(Value::is_float);
     if is_number || takes(Value::Integer(1)) || takes_default(Value::is_integer) {
         let mut number = Map::from_iter([("type".to_owned(), json!(if is_number { "number" } else { "integer" }))]);
-        if let Some((least, most)) = key.within {
-            number.extend([("minimum".to_owned(), json!(least)), ("maximum".to_owned(), json!(most))]);
-        }
+        number.extend(range::of(section, key, default, is_number));
         forms.push(Json::Object(number));
     }
     if takes(Value::Boolean(true)) {
@@ -120,6 +119,8 @@ mod tests {
         let within = |number: f64| {
             schema["minimum"].as_f64().is_none_or(|least| number >= least)
                 && schema["maximum"].as_f64().is_none_or(|most| number <= most)
+                && schema["exclusiveMinimum"].as_f64().is_none_or(|least| number > least)
+                && schema["exclusiveMaximum"].as_f64().is_none_or(|most| number < most)
         };
         match (schema["type"].as_str().unwrap(), value) {
             ("number", Json::Number(number)) => within(number.as_f64().unwrap()),
@@ -186,6 +187,10 @@ mod tests {
             "[mapper]\nfilters = [\"bubbel\"]",
             "[mapper]\ndoubt = \"yes\"",
             "[run]\nalive_within_s = 0",
+            "[mapper]\nresolution_m = 0",
+            "[mapper]\np_free = 0.7",
+            "[simulator]\nrays = 0",
+            "[odometry]\nk_ll = -1",
             "[services.sensor]\nkind = \"sensr\"",
             "[topics.goal]\nbytes = 0",
         ] {

@@ -1,6 +1,6 @@
 //! `[odometry]`, `[slam]`, `[localization]`, `[localizer]`: where the robot is.
 
-use super::{Section, Text, defaults, key, probe, text, words};
+use super::{Section, Text, defaults, key, probe, refused, text, words};
 use echogrid_core::config::OdometryConfig;
 use echogrid_core::localization::LocalizationConfig;
 use echogrid_localizer::config::LocalizerConfig;
@@ -48,6 +48,7 @@ pub(crate) static ODOMETRY: Section = Section {
     ],
     probe: probe::<OdometryConfig>,
     defaults: defaults::<OdometryConfig>,
+    refuses: |table| refused(table, OdometryConfig::validate),
 };
 
 pub(crate) static SLAM: Section = Section {
@@ -86,6 +87,7 @@ pub(crate) static SLAM: Section = Section {
     ],
     probe: probe::<SlamConfig>,
     defaults: defaults::<SlamConfig>,
+    refuses: |table| refused(table, SlamConfig::validate),
 };
 
 pub(crate) static LOCALIZATION: Section = Section {
@@ -126,6 +128,7 @@ pub(crate) static LOCALIZATION: Section = Section {
     ],
     probe: probe::<LocalizationConfig>,
     defaults: defaults::<LocalizationConfig>,
+    refuses: |table| refused(table, LocalizationConfig::validate),
 };
 
 pub(crate) static LOCALIZER: Section = Section {
@@ -177,4 +180,5 @@ pub(crate) static LOCALIZER: Section = Section {
     ],
     probe: probe::<LocalizerConfig>,
     defaults: defaults::<LocalizerConfig>,
+    refuses: |table| refused(table, LocalizerConfig::validate),
 };

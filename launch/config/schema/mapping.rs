@@ -1,6 +1,6 @@
 //! `[mapper]`, `[publisher]`, `[recorder]`: what becomes of readings.
 
-use super::{Section, Text, defaults, key, probe, text, words};
+use super::{NOTHING, Section, Text, defaults, key, probe, refused, text, words};
 use echogrid_core::config::MapperConfig;
 use echogrid_publisher::config::PublisherConfig;
 use echogrid_recorder::config::RecorderConfig;
@@ -143,6 +143,7 @@ pub(crate) static MAPPER: Section = Section {
     ],
     probe: probe::<MapperConfig>,
     defaults: defaults::<MapperConfig>,
+    refuses: |table| refused(table, MapperConfig::validate),
 };
 
 pub(crate) static PUBLISHER: Section = Section {
@@ -182,6 +183,7 @@ pub(crate) static PUBLISHER: Section = Section {
     ],
     probe: probe::<PublisherConfig>,
     defaults: defaults::<PublisherConfig>,
+    refuses: |table| refused(table, PublisherConfig::validate),
 };
 
 pub(crate) static RECORDER: Section = Section {
@@ -193,4 +195,5 @@ pub(crate) static RECORDER: Section = Section {
     ],
     probe: probe::<RecorderConfig>,
     defaults: defaults::<RecorderConfig>,
+    refuses: NOTHING,
 };

@@ -6,9 +6,11 @@ mod graph;
 mod json;
 mod localizing;
 mod mapping;
+mod range;
 mod robot;
 mod sensing;
 
+use echogrid_core::config::ConfigError as OutOfRange;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
@@ -31,6 +33,8 @@ pub(crate) struct Section {
     probe: fn(Table) -> Result<(), toml::de::Error>,
     /// Its defaults, or an empty table.
     defaults: fn() -> Table,
+    /// What of these keys is out of its range.
+    refuses: fn(Table) -> Option<OutOfRange>,
 }
 
 /// A key of a table.
@@ -86,6 +90,13 @@ fn probe<T: DeserializeOwned>(table: Table) -> Result<(), toml::de::Error> {
     Value::Table(table).try_into::<T>().map(drop)
 }
 
+/// Of a section whose type says all that it takes.
+const NOTHING: fn(Table) -> Option<OutOfRange> = |_| None;
+
+fn refused<T: DeserializeOwned>(table: Table, validate: fn(&T) -> Result<(), OutOfRange>) -> Option<OutOfRange> {
+    validate(&Value::Table(table).try_into().ok()?).err()
+}
+
 fn defaults<T: Default + Serialize>() -> Table {
     Table::try_from(T::default()).unwrap_or_default()
 }
@@ -94,6 +105,12 @@ impl Section {
     /// Whether the type of the section takes this value for this key.
     pub(crate) fn takes(&self, key: &str, value: &Value) -> Result<(), toml::de::Error> {
         (self.probe)(Table::from_iter([(key.to_owned(), value.clone())]))
+    }
+
+    /// What its range has to say of this value for this key, if it is out of that.
+    fn refusal(&self, key: &str, value: Value) -> Option<&'static str> {
+        let refused = (self.refuses)(Table::from_iter([(key.to_owned(), value)]))?;
+        (refused.key == key).then_some(refused.expected)
     }
 
     pub(crate) fn key(&self, name: &str) -> Option<&'static Key> {

@@ -1,7 +1,7 @@
 //! The tables of a robot file.
 
 use super::super::robot::{RawFootprint, RawLidar, RawSonar, RawSonars, RawTop};
-use super::{Key, key};
+use super::{Key, NOTHING, key};
 use super::{Section, Text, defaults, number, probe, text};
 
 /// The top of the file.
@@ -11,6 +11,7 @@ pub(crate) static ROBOT: Section = Section {
     keys: &[text("name", Text::Plain, "a name: 1 to 40 letters, digits, blanks, `_`, `-` or `.`", "its name")],
     probe: probe::<RawTop>,
     defaults: defaults::<RawTop>,
+    refuses: NOTHING,
 };
 
 /// `[footprint]`.
@@ -23,6 +24,7 @@ pub(crate) static FOOTPRINT: Section = Section {
     ],
     probe: probe::<RawFootprint>,
     defaults: defaults::<RawFootprint>,
+    refuses: NOTHING,
 };
 
 const X: Key = number("x_m", "a number of metres from -10 to 10", -10.0..=10.0, "forward of the base");
@@ -43,6 +45,7 @@ pub(crate) static SONAR: Section = Section {
     keys: &[X, Y, HEADING],
     probe: probe::<RawSonar>,
     defaults: defaults::<RawSonar>,
+    refuses: NOTHING,
 };
 
 /// `[sonars]`.
@@ -57,6 +60,7 @@ pub(crate) static SONARS: Section = Section {
     ],
     probe: probe::<RawSonars>,
     defaults: defaults::<RawSonars>,
+    refuses: NOTHING,
 };
 
 /// `[lidar]`.
@@ -86,4 +90,5 @@ pub(crate) static LIDAR: Section = Section {
     ],
     probe: probe::<RawLidar>,
     defaults: defaults::<RawLidar>,
+    refuses: NOTHING,
 };

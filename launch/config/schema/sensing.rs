@@ -1,6 +1,6 @@
 //! `[replay]`, `[pioneer]`, `[lidar]`, `[simulator]`: where readings come from.
 
-use super::{Section, Text, defaults, key, number, probe, text, words};
+use super::{NOTHING, Section, Text, defaults, key, number, probe, refused, text, words};
 use echogrid_lidar::LidarConfig;
 use echogrid_pioneer::PioneerConfig;
 use echogrid_replay::config::ReplayConfig;
@@ -42,6 +42,7 @@ pub(crate) static REPLAY: Section = Section {
     ],
     probe: probe::<ReplayConfig>,
     defaults: defaults::<ReplayConfig>,
+    refuses: NOTHING,
 };
 
 pub(crate) static PIONEER: Section = Section {
@@ -88,6 +89,7 @@ pub(crate) static PIONEER: Section = Section {
     ],
     probe: probe::<PioneerConfig>,
     defaults: defaults::<PioneerConfig>,
+    refuses: |table| refused(table, PioneerConfig::validate),
 };
 
 pub(crate) static LIDAR: Section = Section {
@@ -111,6 +113,7 @@ pub(crate) static LIDAR: Section = Section {
     ],
     probe: probe::<LidarConfig>,
     defaults: defaults::<LidarConfig>,
+    refuses: |table| refused(table, LidarConfig::validate),
 };
 
 pub(crate) static SIMULATOR: Section = Section {
@@ -179,4 +182,5 @@ pub(crate) static SIMULATOR: Section = Section {
     ],
     probe: probe::<SimulatorConfig>,
     defaults: defaults::<SimulatorConfig>,
+    refuses: |table| refused(table, SimulatorConfig::validate),
 };
