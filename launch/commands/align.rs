@@ -154,8 +154,13 @@ mod tests {
             (0..10_u64).map(|t| (10 * t, Pose2::new(t as f64, 0.3 * (t * t) as f64, 0.1 * t as f64))).collect();
         let point = |t: u64| PathPoint { stamp_ns: 10 * t, pose: map_from_world * truth[t as usize].1, trust: 1.0 };
         let provenance = Provenance { config_toml: config.to_owned(), ..Provenance::default() };
-        let document =
-            MapDocument { grid: Grid::new(0.05), doubt: None, path: (0..10).map(point).collect(), provenance };
+        let document = MapDocument {
+            grid: Grid::new(0.05),
+            doubt: None,
+            facing: None,
+            path: (0..10).map(point).collect(),
+            provenance,
+        };
         Alignment::of(&document, &truth, wanted).unwrap()
     }
 

@@ -17,12 +17,14 @@ pub(super) fn clear(config: &Config) -> Result<Vec<String>> {
     let out = &config.run.out;
     let is_there = |name: &String| out.join(name).is_file();
     let every = MapFiles::every_name();
-    let (doubts, maps): (Vec<String>, Vec<String>) = every.into_iter().partition(|name| name.starts_with("doubt."));
+    let (doubts, others): (Vec<String>, Vec<String>) = every.into_iter().partition(|name| name.starts_with("doubt."));
+    let (facings, maps): (Vec<String>, Vec<String>) = others.into_iter().partition(|name| name.starts_with("facing."));
     // Without closures the others may be somebody else's.
     let slam = if is_there(&CLOSURES_FILE.to_owned()) { &FILES[..] } else { &[] };
     let mapper = &config.mapper;
     let companions = [
         (mapper.doubt, doubts),
+        (mapper.facing, facings),
         (mapper.sonar_maps, vec![SONARS_FILE.to_owned()]),
         (mapper.keep_readings, vec![READINGS_FILE.to_owned()]),
         (config.does_slam(), slam.iter().map(|name| (*name).to_owned()).collect()),

@@ -46,6 +46,7 @@ pub(super) fn native(file: &Path) -> Result<Facts> {
         _ => facts.line("path", "none"),
     }
     facts.line("doubt", if document.doubt.is_some() { "kept, of each cell" } else { "not kept" });
+    facts.line("facing", if document.facing.is_some() { "told, of each wall" } else { "not told" });
     facts.line("made by", document.provenance.software.clone());
     let log = document.provenance.log_sha256.as_deref();
     facts.line("of", log.map_or("live readings".to_owned(), |sha256| format!("a log with SHA-256 {sha256}")));
@@ -55,6 +56,7 @@ pub(super) fn native(file: &Path) -> Result<Facts> {
     facts.value("path_poses", document.path.len());
     facts.value("path_m", length_m);
     facts.value("has_doubt", document.doubt.is_some());
+    facts.value("has_facing", document.facing.is_some());
     facts.value("provenance", json!(document.provenance));
     Ok(facts)
 }

@@ -131,6 +131,11 @@ pub(crate) static MAPPER: Section = Section {
             "whether it is kept, and saved as doubt.png, how much odometry error the evidence of each cell carried",
         ),
         key(
+            "facing",
+            "true or false",
+            "whether it is told, and saved as facing.png, which way each wall faces, where the rule of fusion knows it (oriented)",
+        ),
+        key(
             "keep_readings",
             "true or false",
             "whether readings are kept as they were fused, and saved as readings.echogrid: `echogrid why` asks them",

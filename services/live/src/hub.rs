@@ -121,6 +121,8 @@ impl Scene {
             TileLayer::Map => (Layer::Occupancy, Levels::of(|cell| picture::level(log_odds[cell]))),
             TileLayer::Sonar(sonar) => (Layer::Sonar(sonar), Levels::of(|cell| picture::level(log_odds[cell]))),
             TileLayer::Doubt => (Layer::Doubt, Levels::of(|cell| doubt_level(log_odds[cell]))),
+            // The page does not show it.
+            TileLayer::Facing => return,
         };
         if layer == Layer::Occupancy {
             let grid = self.grid.get_or_insert_with(|| Grid::new(resolution_m));

@@ -306,6 +306,9 @@ impl MapperService {
                     send(layer, index, tile.revision, cells);
                 }
             }
+            if let Some(facings) = self.config.facing.then(|| mapper.facings(index)).flatten() {
+                send(Layer::Facing, index, tile.revision, facings.as_slice());
+            }
         }
         for (sonar, index) in of_sonars {
             let Some(tile) = mapper.sonar_grid(sonar).and_then(|grid| grid.tile(index)) else { continue };

@@ -66,6 +66,8 @@ pub struct PublisherService {
     grid: Option<Grid>,
     /// None unless the mapper keeps it; metres in the cells.
     doubt: Option<Grid>,
+    /// None unless the mapper tells it; angles of normals in the cells.
+    facing: Option<Grid>,
     /// Empty unless the mapper keeps a map of each sonar.
     sonars: SonarSheet,
     path: Path,
@@ -92,6 +94,7 @@ impl PublisherService {
             provenance,
             grid: None,
             doubt: None,
+            facing: None,
             sonars,
             path,
             written: Vec::new(),
@@ -146,10 +149,10 @@ impl PublisherService {
             tracing::warn!("no reading reached the map: nothing to save");
             return Ok(());
         };
-        let (doubt, path) = (self.doubt.take(), self.path.points());
-        let document = MapDocument { grid, doubt, path, provenance: self.provenance.clone() };
+        let (doubt, facing, path) = (self.doubt.take(), self.facing.take(), self.path.points());
+        let document = MapDocument { grid, doubt, facing, path, provenance: self.provenance.clone() };
         let saved = self.write(&document);
-        (self.grid, self.doubt) = (Some(document.grid), document.doubt);
+        (self.grid, self.doubt, self.facing) = (Some(document.grid), document.doubt, document.facing);
         saved
     }
 
@@ -189,11 +192,16 @@ impl Service for PublisherService {
             Input::Message { message: Message::Tile(tile), .. } => {
                 let TileUpdate { layer, index, revision, resolution_m, log_odds } = tile;
                 let tile = Tile::new(revision, log_odds);
-                match layer {
-                    Layer::Map => *self.grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
-                    Layer::Doubt => *self.doubt.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile,
-                    Layer::Sonar(sonar) => self.sonars.take(sonar, index, tile, resolution_m),
-                }
+                let grid = match layer {
+                    Layer::Map => &mut self.grid,
+                    Layer::Doubt => &mut self.doubt,
+                    Layer::Facing => &mut self.facing,
+                    Layer::Sonar(sonar) => {
+                        self.sonars.take(sonar, index, tile, resolution_m);
+                        return Ok(());
+                    }
+                };
+                *grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile;
             }
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } if !estimate.unplaced => {
                 let PoseEstimate { estimate, trust, .. } = estimate;

@@ -193,6 +193,9 @@ fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<Conver
     if document.doubt.is_some() && extension != "echogrid" {
         report.lost.push("the doubt of each cell".into());
     }
+    if document.facing.is_some() && extension != "echogrid" {
+        report.lost.push("which way each wall faces".into());
+    }
     match extension {
         "echogrid" => {
             native::write(output, &document)?;
@@ -352,7 +355,8 @@ mod tests {
         }
         let path = vec![PathPoint { stamp_ns: 1, pose: Pose2::IDENTITY, trust: 1.0 }];
         let file = folder.join("m.echogrid");
-        native::write(&file, &MapDocument { grid, doubt: None, path, provenance: Provenance::default() }).unwrap();
+        native::write(&file, &MapDocument { grid, doubt: None, facing: None, path, provenance: Provenance::default() })
+            .unwrap();
         file
     }
 

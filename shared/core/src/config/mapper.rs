@@ -200,6 +200,8 @@ pub struct MapperConfig {
     pub sonar_maps: bool,
     /// Whether it is kept how much odometry error the evidence of each cell carried.
     pub doubt: bool,
+    /// Whether it is told which way each wall faces, where the rule of fusion knows it.
+    pub facing: bool,
     /// Whether readings are kept as they were fused, so that it can be told why a cell is what it is ([`crate::why`]).
     pub keep_readings: bool,
     /// The most readings that are kept for that, of 80 bytes each.
@@ -246,6 +248,7 @@ impl Default for MapperConfig {
             tiles_every_s: 0.02,
             sonar_maps: false,
             doubt: false,
+            facing: false,
             keep_readings: false,
             keep_readings_max: 1_000_000,
         }

@@ -1,5 +1,6 @@
 //! What a reading makes of the cells of its cone: the rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
+mod facing;
 pub mod first_echo;
 pub mod oriented;
 pub mod shares;
@@ -157,6 +158,11 @@ impl Fuser {
         let Weighed { deviations, news, .. } = self.weigh(sounding, Some(news))?;
         let model = self.inverse_sensor_model(sounding, deviations, news);
         self.add(grid, sounding, &model)
+    }
+
+    /// Of what is occupied, the share that is no smooth wall before any reading.
+    pub(crate) fn diffuse(&self) -> f64 {
+        self.config.oriented_diffuse
     }
 
     /// σ_z without odometry error, metres.

@@ -10,6 +10,8 @@ pub struct MapDocument {
     pub grid: Grid,
     /// How much odometry error the evidence of each cell carried, metres in the cells; none: nobody kept it.
     pub doubt: Option<Grid>,
+    /// Which way each wall faces: its normal, radians in [0, π), in the cells; none: nobody told it.
+    pub facing: Option<Grid>,
     /// Where the robot was, in order of time.
     pub path: Vec<PathPoint>,
     /// What it was made of, and by what.

@@ -41,7 +41,7 @@ const WORDS: &str = "odometry error of the evidence, metres";
 /// The known cells lie too far apart for a rectangle.
 pub fn encode_array(doubt: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
     let raster = raster_of(map)?;
-    let metres: Vec<f32> = metres(&raster, doubt).collect();
+    let metres: Vec<f32> = cells_of(&raster, doubt).collect();
     Ok(npy::encode_array(raster.width, raster.height, &metres))
 }
 
@@ -51,31 +51,42 @@ pub fn encode_array(doubt: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
 /// The known cells lie too far apart for a picture.
 pub fn encode_picture(doubt: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
     let raster = raster_of(map)?;
-    let metres: Vec<f32> = metres(&raster, doubt).collect();
+    let metres: Vec<f32> = cells_of(&raster, doubt).collect();
     let (end_m, is_cut) = end_of_scale(&metres);
-    let side = LONG_SIDE_PX.div_ceil(raster.width.max(raster.height).max(1)).clamp(1, SCALE_MAX);
-    let (width, height) = (raster.width * side, raster.height * side);
-    let below = height + MARGIN_PX;
-    let mut canvas = Canvas::new(width.max(WIDTH_MIN_PX), below + BAR_PX + TICK_PX + 2 * LETTER_PX + 2 * MARGIN_PX);
-    for (row, cells) in metres.chunks(raster.width.max(1)).enumerate() {
-        let top = height.saturating_sub((row + 1) * side);
-        for (column, metres) in cells.iter().enumerate() {
-            let colour = if metres.is_nan() { UNKNOWN } else { colour(f64::from(*metres) / end_m) };
-            for (x, y) in (0..side).flat_map(|x| (0..side).map(move |y| (x, y))) {
-                canvas.set(column * side + x, top + y, colour);
-            }
-        }
-    }
-    draw_scale(&mut canvas, below, end_m, is_cut);
+    let of = |metres: &f32| if metres.is_nan() { UNKNOWN } else { colour(f64::from(*metres) / end_m) };
+    let (mut canvas, top) = paint(&raster, &metres.iter().map(of).collect::<Vec<_>>());
+    draw_scale(&mut canvas, top, end_m, is_cut);
     canvas.encode().map_err(|error| MapError::Image { path: PICTURE.into(), what: error.to_string() })
 }
 
-fn metres<'a>(raster: &'a Raster, doubt: &'a Grid) -> impl Iterator<Item = f32> + 'a {
+/// The cells of a raster in these colours, with room for a scale from the row on that is told.
+pub(super) fn paint(raster: &Raster, colours: &[[u8; 3]]) -> (Canvas, usize) {
+    let side = LONG_SIDE_PX.div_ceil(raster.width.max(raster.height).max(1)).clamp(1, SCALE_MAX);
+    let (width, height) = (raster.width * side, raster.height * side);
+    let mut canvas = Canvas::new(width.max(WIDTH_MIN_PX), height + MARGIN_PX + below());
+    for (row, cells) in colours.chunks(raster.width.max(1)).enumerate() {
+        let top = height.saturating_sub((row + 1) * side);
+        for (column, colour) in cells.iter().enumerate() {
+            for (x, y) in (0..side).flat_map(|x| (0..side).map(move |y| (x, y))) {
+                canvas.set(column * side + x, top + y, *colour);
+            }
+        }
+    }
+    (canvas, height + MARGIN_PX)
+}
+
+/// Rows that a scale and its words take.
+pub(super) fn below() -> usize {
+    BAR_PX + TICK_PX + 2 * LETTER_PX + 2 * MARGIN_PX
+}
+
+/// What a grid holds of each cell of a raster, row by row.
+pub(super) fn cells_of<'a>(raster: &'a Raster, grid: &'a Grid) -> impl Iterator<Item = f32> + 'a {
     let CellIndex { i, j } = raster.lower_left;
     let rows = (0..raster.height).flat_map(|row| (0..raster.width).map(move |column| (column, row)));
     rows.map(move |(column, row)| {
         let cell = CellIndex { i: i.saturating_add(column as i32), j: j.saturating_add(row as i32) };
-        doubt.log_odds(cell).unwrap_or(f32::NAN)
+        grid.log_odds(cell).unwrap_or(f32::NAN)
     })
 }
 

@@ -43,6 +43,8 @@ impl Drawable {
         let reduced = MapDocument {
             grid: reduced(&document.grid, bits),
             doubt: document.doubt.as_ref().map(|doubt| reduced(doubt, bits)),
+            // Directions have no greatest.
+            facing: None,
             path: document.path.clone(),
             provenance: document.provenance.clone(),
         };
@@ -106,7 +108,7 @@ mod tests {
             let cell = CellIndex { i: *i, j: *j };
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = *log_odds;
         }
-        MapDocument { grid, doubt: None, path: Vec::new(), provenance: Provenance::default() }
+        MapDocument { grid, doubt: None, facing: None, path: Vec::new(), provenance: Provenance::default() }
     }
 
     #[test]

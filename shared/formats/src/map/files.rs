@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::map_server::{self, MapMode, Thresholds};
-use super::{Drawable, MapDocument, MapError, OccupancyMap, doubt, native, npy, picture};
+use super::{Drawable, MapDocument, MapError, OccupancyMap, doubt, facing, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::{write_together, write_whole};
 
@@ -62,12 +62,13 @@ impl MapFileOptions {
     }
 }
 
-/// The files of a map: `map.echogrid`, `map.png`, `map.pgm`, `map.yaml`, `map.npy`; `doubt.png` and `doubt.npy` where doubt was kept.
+/// The files of a map: `map.echogrid`, `map.png`, `map.pgm`, `map.yaml`, `map.npy`; `doubt.png` and `doubt.npy` where doubt was kept,
+/// `facing.png` and `facing.npy` where it was told which way walls face.
 #[derive(Debug)]
 pub struct MapFiles;
 
 impl MapFiles {
-    /// The names of the files that [`MapFiles::write_all`] writes: those of the doubt, the last ones, if there is any.
+    /// The names of the files that [`MapFiles::write_all`] writes: those of the doubt and of facing, the last ones, if there is any.
     #[must_use]
     pub fn names(options: &MapFileOptions) -> Vec<String> {
         let (pgm, npy) = (options.has(MapFormat::Pgm), options.has(MapFormat::Npy));
@@ -79,6 +80,8 @@ impl MapFiles {
             (npy, "map.npy".to_owned()),
             (options.has(MapFormat::Png), doubt::PICTURE.to_owned()),
             (npy, doubt::ARRAY.to_owned()),
+            (options.has(MapFormat::Png), facing::PICTURE.to_owned()),
+            (npy, facing::ARRAY.to_owned()),
         ];
         names.into_iter().filter(|(chosen, _)| *chosen).map(|(_, name)| name).collect()
     }
@@ -129,7 +132,14 @@ impl MapFiles {
         if let Some(metres) = document.doubt.as_ref().filter(|_| options.has(MapFormat::Png)) {
             write_whole(&file(doubt::PICTURE), &doubt::encode_picture(metres, &document.grid)?)?;
         }
-        let is_written = |name: &String| document.doubt.is_some() || ![doubt::PICTURE, doubt::ARRAY].contains(&&**name);
+        if let Some(radians) = document.facing.as_ref().filter(|_| options.has(MapFormat::Png)) {
+            write_whole(&file(facing::PICTURE), &facing::encode_picture(radians, &document.grid)?)?;
+        }
+        let is_written = |name: &String| match name.as_str() {
+            doubt::PICTURE | doubt::ARRAY => document.doubt.is_some(),
+            facing::PICTURE | facing::ARRAY => document.facing.is_some(),
+            _ => true,
+        };
         Ok(Self::names(options).iter().filter(|name| is_written(name)).map(|name| file(name)).collect())
     }
 
@@ -156,6 +166,9 @@ impl MapFiles {
             if let Some(metres) = &document.doubt {
                 files.push((folder.join(doubt::ARRAY), doubt::encode_array(metres, &document.grid)?));
             }
+            if let Some(radians) = &document.facing {
+                files.push((folder.join(facing::ARRAY), facing::encode_array(radians, &document.grid)?));
+            }
         }
         Ok(files)
     }
@@ -172,7 +185,7 @@ mod tests {
         let mut grid = Grid::new(0.05);
         let cell = CellIndex { i: 5, j: -70 };
         grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 2.0;
-        MapDocument { grid, doubt: None, path: Vec::new(), provenance: Provenance::default() }
+        MapDocument { grid, doubt: None, facing: None, path: Vec::new(), provenance: Provenance::default() }
     }
 
     #[test]
@@ -207,6 +220,17 @@ mod tests {
         assert!(files.iter().all(|file| file.exists()));
         let options = MapFileOptions { formats: vec![MapFormat::Pgm], ..MapFileOptions::default() };
         assert_eq!(MapFiles::write_all(folder.path(), &document, &options).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn facing_has_files_where_it_was_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut document = document();
+        document.facing = Some(Grid::new(document.grid.resolution_m()));
+        let files = MapFiles::write_all(folder.path(), &document, &MapFileOptions::default()).unwrap();
+        let names: Vec<_> = files.iter().map(|path| path.file_name().unwrap().to_str().unwrap()).collect();
+        assert_eq!(names[5..], ["facing.png", "facing.npy"]);
+        assert!(files.iter().all(|file| file.exists()));
     }
 
     #[test]
@@ -259,8 +283,13 @@ mod tests {
     #[test]
     fn a_folder_that_cannot_be_is_named() {
         let file = tempfile::NamedTempFile::new().unwrap();
-        let document =
-            MapDocument { grid: Grid::new(0.05), doubt: None, path: Vec::new(), provenance: Provenance::default() };
+        let document = MapDocument {
+            grid: Grid::new(0.05),
+            doubt: None,
+            facing: None,
+            path: Vec::new(),
+            provenance: Provenance::default(),
+        };
         let error = MapFiles::write_all(&file.path().join("maps"), &document, &MapFileOptions::default()).unwrap_err();
         assert!(error.to_string().contains("maps"), "{error}");
     }

@@ -37,11 +37,11 @@ pub(super) fn main_part(document: &MapDocument) -> Result<Option<(MapDocument, u
         part
     };
     let grid = only(&document.grid);
-    let doubt = document.doubt.as_ref().map(only);
+    let (doubt, facing) = (document.doubt.as_ref().map(only), document.facing.as_ref().map(only));
     // The robot may be anywhere by now.
     let path = document.path.iter().filter(|point| main.contains(&tile_of(point))).copied().collect();
     let left_out = tiles.len() - main.len();
-    Ok(Some((MapDocument { grid, doubt, path, provenance: document.provenance.clone() }, left_out)))
+    Ok(Some((MapDocument { grid, doubt, facing, path, provenance: document.provenance.clone() }, left_out)))
 }
 
 fn known(grid: &Grid) -> impl Iterator<Item = (TileIndex, usize)> {
@@ -92,7 +92,13 @@ mod tests {
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 1.0;
         }
         let point = |x| PathPoint { stamp_ns: 0, pose: Pose2::new(x, 0.0, 0.0), trust: 1.0 };
-        MapDocument { grid, doubt: None, path: vec![point(0.0), point(5e5)], provenance: Provenance::default() }
+        MapDocument {
+            grid,
+            doubt: None,
+            facing: None,
+            path: vec![point(0.0), point(5e5)],
+            provenance: Provenance::default(),
+        }
     }
 
     #[test]

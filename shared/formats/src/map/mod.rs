@@ -18,6 +18,7 @@ mod document;
 pub mod doubt;
 mod drawable;
 mod error;
+pub mod facing;
 mod files;
 mod legend;
 mod main_part;

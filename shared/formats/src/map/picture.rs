@@ -320,7 +320,13 @@ mod tests {
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = log_odds;
         }
         let at = |x| PathPoint { stamp_ns: 0, pose: Pose2::new(x, 0.25, 0.0), trust: 1.0 };
-        MapDocument { grid, doubt: None, path: vec![at(0.25), at(1.75), at(1e300)], provenance: Provenance::default() }
+        MapDocument {
+            grid,
+            doubt: None,
+            facing: None,
+            path: vec![at(0.25), at(1.75), at(1e300)],
+            provenance: Provenance::default(),
+        }
     }
 
     #[test]

@@ -28,6 +28,7 @@ const MAP_UNPLACED: u32 = 8;
 const LAYER_MAP: u16 = 0;
 const LAYER_SONAR: u16 = 1;
 const LAYER_DOUBT: u16 = 2;
+const LAYER_FACING: u16 = 3;
 
 impl Content for TileUpdate {
     const TOPIC: Topic = Topic::MapTiles;
@@ -77,6 +78,8 @@ pub enum Layer {
     Sonar(u16),
     /// How much odometry error the evidence of each cell carried, metres instead of log-odds.
     Doubt,
+    /// Which way each wall faces: its normal, radians in [0, π) from the x axis of the map, instead of log-odds.
+    Facing,
 }
 
 /// One tile of the map, whole.
@@ -90,7 +93,7 @@ pub struct TileUpdate {
     pub revision: u64,
     /// Side of a cell, metres.
     pub resolution_m: f64,
-    /// Log-odds (of the doubt: metres, 0 or more), row by row; NaN is unknown.
+    /// Log-odds (of the doubt: metres, 0 or more; of facing: radians in [0, π)), row by row; NaN is unknown.
     pub log_odds: Box<[f32; TILE_CELLS]>,
 }
 
@@ -155,13 +158,14 @@ wire! {
         revision: u64,
         /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
         resolution_m: f64,
-        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds.
+        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds; 3 facing: radians.
         layer: u16,
         /// Number of the sonar, where the layer is one's; else 0.
         sonar: u16,
         /// Zero.
         reserved: u32,
-        /// ln(p/(1−p)), of doubt metres; row by row, row 0 at the lowest y; NaN: no reading touched the cell.
+        /// ln(p/(1−p)), of doubt metres, of facing radians in [0, π); row by row, row 0 at the lowest y; NaN: no reading touched the
+        /// cell, or no wall in it faces one way.
         log_odds: [f32; 4096],
     }
 }
@@ -221,6 +225,7 @@ impl From<&TileUpdate> for TileWire {
             Layer::Map => (LAYER_MAP, 0),
             Layer::Sonar(number) => (LAYER_SONAR, number),
             Layer::Doubt => (LAYER_DOUBT, 0),
+            Layer::Facing => (LAYER_FACING, 0),
         };
         Self {
             layer,
@@ -252,12 +257,18 @@ impl TryFrom<&TileWire> for TileUpdate {
             LAYER_MAP => Layer::Map,
             LAYER_SONAR => Layer::Sonar(wire.sonar),
             LAYER_DOUBT => Layer::Doubt,
+            LAYER_FACING => Layer::Facing,
             other => {
-                return Err(Fault { field: "layer", value: other.to_string(), expected: "0 map, 1 sonar or 2 doubt" });
+                let expected = "0 map, 1 sonar, 2 doubt or 3 facing";
+                return Err(Fault { field: "layer", value: other.to_string(), expected });
             }
         };
         if let Some(value) = wire.log_odds.iter().find(|value| layer == Layer::Doubt && **value < 0.0) {
             check(false, "log_odds", value, "metres, 0 or more, where the layer is doubt")?;
+        }
+        let is_normal = |value: &f32| value.is_nan() || (0.0..core::f32::consts::PI).contains(value);
+        if let Some(value) = wire.log_odds.iter().find(|value| layer == Layer::Facing && !is_normal(value)) {
+            check(false, "log_odds", value, "radians from 0 to below π, where the layer is facing")?;
         }
         Ok(Self {
             layer,

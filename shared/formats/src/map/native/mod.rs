@@ -11,6 +11,7 @@
 //! | `PATH` | per point: stamp in ns (u64), x, y in metres, heading in radians, trust (f64 each) |
 //! | `TILE` | up to 256 tiles, in the order of (y, x): how many (u32), then a zlib stream of x, y (i32 each) and revision (u64) of each, then of the 4096 log-odds (f32) of each, row by row from the lowest y, the lowest byte, of all of them the second byte, the third, the highest; unknown is NaN `00 00 c0 7f`. As many sections as it takes |
 //! | `doub` | optional: as `TILE`, with metres instead of log-odds, 0 or more: how much odometry error the evidence of each cell carried |
+//! | `face` | optional: as `TILE`, with the normal of the wall in each cell instead, radians in [0, π): which way it faces |
 //! | `END ` | nothing |
 //!
 //! A section whose tag begins with a small letter is optional, and a reader that does not know one leaves it out. So a map is written
@@ -55,6 +56,7 @@ const PROVENANCE: [u8; 4] = *b"PROV";
 const PATH: [u8; 4] = *b"PATH";
 const TILES: [u8; 4] = *b"TILE";
 const DOUBT: [u8; 4] = *b"doub";
+const FACING: [u8; 4] = *b"face";
 const END: [u8; 4] = *b"END ";
 
 /// Bytes of a path point.

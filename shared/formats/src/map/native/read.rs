@@ -7,8 +7,8 @@ use echogrid_core::{Grid, Pose2, TILE_CELLS, TileIndex};
 use flate2::read::ZlibDecoder;
 
 use super::{
-    BLOCK_TILES, DOUBT, END, GRID, MAGIC, NUMBERS_BYTES, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, TILE_BYTES,
-    TILE_INDEX_MAX, TILES, TILES_MAX, VERSION, WHOLE_VERSION,
+    BLOCK_TILES, DOUBT, END, FACING, GRID, MAGIC, NUMBERS_BYTES, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE,
+    TILE_BYTES, TILE_INDEX_MAX, TILES, TILES_MAX, VERSION, WHOLE_VERSION,
 };
 use crate::map::{MapDocument, PathPoint};
 
@@ -129,27 +129,31 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
     if grid.tile_count() as u64 != tile_count {
         return Err(NativeError::value(TILES, "number of tiles", grid.tile_count(), "as many as are told"));
     }
-    let mut doubt: Option<Grid> = None;
+    let (mut doubt, mut facing): (Option<Grid>, Option<Grid>) = (None, None);
     while version > PLAIN_VERSION
         && let Some(tag) = cursor.optional_tag()
     {
         let content = cursor.section(tag)?;
-        if tag == DOUBT {
-            if version > WHOLE_VERSION {
-                block(DOUBT, content, doubt.get_or_insert_with(|| Grid::new(resolution_m)))?;
-            } else if doubt.is_some() {
-                return Err(NativeError::value(DOUBT, "section", "there twice", "at most one"));
-            } else {
-                doubt = Some(self::doubt(content, resolution_m)?);
-            }
+        let layer = match tag {
+            DOUBT => &mut doubt,
+            FACING => &mut facing,
+            _ => continue,
+        };
+        if version > WHOLE_VERSION {
+            block(tag, content, layer.get_or_insert_with(|| Grid::new(resolution_m)))?;
+        } else if layer.is_some() {
+            return Err(NativeError::value(tag, "section", "there twice", "at most one"));
+        } else {
+            *layer = Some(self::layer(tag, content, resolution_m)?);
         }
     }
-    doubt.as_ref().map_or(Ok(()), check_doubt)?;
+    doubt.as_ref().map_or(Ok(()), |doubt| check_layer(DOUBT, doubt))?;
+    facing.as_ref().map_or(Ok(()), |facing| check_layer(FACING, facing))?;
     if !cursor.section(END)?.is_empty() {
         return Err(NativeError::value(END, "length", "not 0", "0"));
     }
     match bytes.len() - cursor.at {
-        0 => Ok(MapDocument { grid, doubt, path, provenance }),
+        0 => Ok(MapDocument { grid, doubt, facing, path, provenance }),
         count => Err(NativeError::Trailing { at: cursor.at as u64, count: count as u64 }),
     }
 }
@@ -197,23 +201,28 @@ fn path(content: &[u8], point_count: u64) -> Result<Vec<PathPoint>, NativeError>
     Ok(path)
 }
 
-/// Metres in the cells.
-fn doubt(content: &[u8], resolution_m: f64) -> Result<Grid, NativeError> {
+/// A quantity of each cell besides its log-odds.
+fn layer(tag: [u8; 4], content: &[u8], resolution_m: f64) -> Result<Grid, NativeError> {
     let mut cursor = Cursor::new(content);
     let tile_count = u64::from_le_bytes(cursor.array("number of tiles")?);
     if tile_count > TILES_MAX {
-        return Err(NativeError::value(DOUBT, "number of tiles", tile_count, "at most 262144"));
+        return Err(NativeError::value(tag, "number of tiles", tile_count, "at most 262144"));
     }
     let mut grid = Grid::new(resolution_m);
-    tiles(DOUBT, content.get(cursor.at..).unwrap_or_default(), tile_count, &mut grid)?;
+    tiles(tag, content.get(cursor.at..).unwrap_or_default(), tile_count, &mut grid)?;
+    check_layer(tag, &grid)?;
     Ok(grid)
 }
 
-/// Every cell is no negative number of metres, or unknown.
-pub(super) fn check_doubt(grid: &Grid) -> Result<(), NativeError> {
-    let wrong = |value: &&f32| !(value.is_nan() || (value.is_finite() && **value >= 0.0));
+/// Every cell is unknown, or no negative number of metres where the layer is doubt, and the angle of a normal where it is facing.
+pub(super) fn check_layer(tag: [u8; 4], grid: &Grid) -> Result<(), NativeError> {
+    let (name, below, expected) = match tag {
+        FACING => ("facing", core::f32::consts::PI, "radians from 0 to below π, or NaN for unknown"),
+        _ => ("doubt", f32::INFINITY, "metres, 0 or more, or NaN for unknown"),
+    };
+    let wrong = |value: &&f32| !(value.is_nan() || (0.0..below).contains(*value));
     let wrong = grid.tiles().find_map(|(_, tile)| tile.log_odds.iter().find(wrong));
-    let refuse = |wrong| Err(NativeError::value(DOUBT, "doubt", wrong, "metres, 0 or more, or NaN for unknown"));
+    let refuse = |wrong| Err(NativeError::value(tag, name, wrong, expected));
     wrong.map_or(Ok(()), refuse)
 }
 

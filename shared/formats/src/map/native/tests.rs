@@ -31,7 +31,7 @@ fn document(tiles: &[TileOf], points: &[(u64, f64, f64)]) -> MapDocument {
         log_sha256: Some("ab".into()),
         config_toml: "[mapper]\nresolution_m = 0.05 # ü\n".into(),
     };
-    MapDocument { grid, doubt: None, path: points.iter().map(point).collect(), provenance }
+    MapDocument { grid, doubt: None, facing: None, path: points.iter().map(point).collect(), provenance }
 }
 
 fn small() -> MapDocument {

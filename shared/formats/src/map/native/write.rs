@@ -7,8 +7,8 @@ use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
 use super::{
-    BLOCK_TILES, DOUBT, END, GRID, MAGIC, NUMBERS_BYTES, NativeError, PATH, POINT_BYTES, PROVENANCE, TILE_INDEX_MAX,
-    TILES, TILES_MAX, VERSION,
+    BLOCK_TILES, DOUBT, END, FACING, GRID, MAGIC, NUMBERS_BYTES, NativeError, PATH, POINT_BYTES, PROVENANCE,
+    TILE_INDEX_MAX, TILES, TILES_MAX, VERSION,
 };
 use crate::map::MapDocument;
 
@@ -32,22 +32,24 @@ pub fn encode(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
 pub(super) fn parts(document: &MapDocument) -> impl Iterator<Item = Result<Vec<u8>, NativeError>> {
     let head = core::iter::once_with(|| head(document));
     let doubt = document.doubt.iter().flat_map(|doubt| Blocks::of(DOUBT, doubt));
+    let facing = document.facing.iter().flat_map(|facing| Blocks::of(FACING, facing));
     let end = core::iter::once_with(|| {
         let mut end = Vec::new();
         section(&mut end, END, &[]);
         Ok(end)
     });
-    head.chain(Blocks::of(TILES, &document.grid)).chain(doubt).chain(end)
+    head.chain(Blocks::of(TILES, &document.grid)).chain(doubt).chain(facing).chain(end)
 }
 
 /// What comes before the tiles; nothing of the map is written where this fails.
 fn head(document: &MapDocument) -> Result<Vec<u8>, NativeError> {
-    let MapDocument { grid, doubt, path, provenance } = document;
+    let MapDocument { grid, doubt, facing, path, provenance } = document;
     let resolution_m = grid.resolution_m();
     super::read::check_resolution(resolution_m)?;
-    if let Some(doubt) = doubt {
-        super::read::check_doubt(doubt)?;
-        tile_count(DOUBT, doubt)?;
+    for (tag, layer) in [(DOUBT, doubt), (FACING, facing)] {
+        let Some(layer) = layer else { continue };
+        super::read::check_layer(tag, layer)?;
+        tile_count(tag, layer)?;
     }
     let mut file = [&MAGIC[..], &VERSION.to_le_bytes()].concat();
     let numbers = [tile_count(GRID, grid)?, path.len() as u64].map(u64::to_le_bytes).concat();

@@ -4,10 +4,11 @@ use super::*;
 use crate::contract::testing::{amount, any_bytes, incidents, number, refused, sent, survives};
 
 fn tile() -> impl Strategy<Value = TileUpdate> {
-    // Doubt is never negative.
-    let cell = prop_oneof![Just(f32::NAN), 0.0_f32..50.0];
+    // Doubt is never negative, and a normal has no sign.
+    let cell = prop_oneof![Just(f32::NAN), 0.0_f32..core::f32::consts::PI];
     let cells = prop::collection::vec(cell, TILE_CELLS).prop_map(|cells| Box::new(cells.try_into().unwrap()));
-    let layer = prop_oneof![Just(Layer::Map), any::<u16>().prop_map(Layer::Sonar), Just(Layer::Doubt)];
+    let layer =
+        prop_oneof![Just(Layer::Map), any::<u16>().prop_map(Layer::Sonar), Just(Layer::Doubt), Just(Layer::Facing)];
     (layer, -(1 << 24)..=1 << 24, -(1 << 24)..=1 << 24, any::<u64>(), 1e-3..1e3, cells).prop_map(
         |(layer, x, y, revision, resolution_m, log_odds)| TileUpdate {
             layer,
@@ -107,7 +108,8 @@ fn good_tile() -> TileWire {
 fn tiles_that_cannot_be() {
     let check = |field, spoil: fn(&mut TileWire)| refused::<_, TileUpdate>(good_tile(), field, spoil);
     assert!(TileUpdate::try_from(&good_tile()).is_ok());
-    check("layer", |w| w.layer = 3);
+    check("layer", |w| w.layer = 4);
+    check("log_odds", |w| (w.layer, w.log_odds[5]) = (3, core::f32::consts::PI));
     check("log_odds", |w| (w.layer, w.log_odds[5]) = (2, -0.1));
     check("resolution_m", |w| w.resolution_m = 0.0);
     check("resolution_m", |w| w.resolution_m = f64::NAN);
