@@ -58,83 +58,33 @@ impl Columns {
     pub(super) fn of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Result<Self, Option<String>> {
         let header = lines.find(|line| is_row(line)).ok_or(None)?.trim();
         let separator = [',', ';', '\t'].into_iter().find(|separator| header.contains(*separator)).ok_or(None)?;
-        let names: Vec<String> = header.split(separator).map(plain_name).collect();
-        if names.len() > COLUMNS_MAX {
+        let names = Names(header.split(separator).map(plain_name).collect());
+        if names.0.len() > COLUMNS_MAX {
             return Err(None);
         }
-        let all = |wanted: &[&str], units: &[Unit]| -> Vec<(usize, f64)> {
-            let unit_of = |name: &String| {
-                let (name, unit) = with_unit(name, units);
-                wanted.contains(&name).then_some(unit)
-            };
-            names.iter().enumerate().filter_map(|(at, name)| Some((at, unit_of(name)?))).collect()
-        };
-        let find = |wanted: &[&str], units: &[Unit]| all(wanted, units).first().copied();
-        let stamps = [("_ns", 1.0), ("_us", 1e3), ("_ms", 1e6), ("_s", 1e9)];
-        let angles = [("_rad", 1.0), ("_deg", 1_f64.to_radians())];
-        let needed: [(&[&str], &[Unit], &str); 4] = [
-            (&STAMPS, &stamps, "t, time, stamp or timestamp (_s, _ms, _us, _ns)"),
-            (&["x"], &LENGTHS, "x (_m, _cm, _mm)"),
-            (&["y"], &LENGTHS, "y (_m, _cm, _mm)"),
-            (&HEADINGS, &angles, "theta, yaw or heading (_rad, _deg)"),
-        ];
-        // Two of four are no accident.
-        let is_table = needed.iter().filter(|(wanted, units, _)| find(wanted, units).is_some()).count() >= 2;
-        for (wanted, units, expected) in needed {
-            let found = all(wanted, units);
-            if let [first, second, ..] = found.as_slice() {
-                let (first, second) = (first.0 + 1, second.0 + 1);
-                return Err(
-                    is_table.then(|| format!("columns {first} and {second} are both {}: which counts?", wanted[0]))
-                );
-            }
-            if found.is_empty() {
-                return Err(is_table.then(|| format!("no column is named {expected}; there are {}", listed(&names))));
-            }
+        let [stamp, x, y, theta] = names.needed()?;
+        let ns = if stamp.1 == 1.0 && !names.0[stamp.0].ends_with("_ns") { 1e9 } else { stamp.1 };
+        let (beams, sonars) = (names.beams(), names.sonars());
+        if beams.is_empty() && sonars.is_empty() {
+            return Err(Some(format!(
+                "no column holds ranges: r0, r1 … of a lidar, or sonar_90 of a sonar that looks to 90° (_m, _cm, _mm); there are {}",
+                names.listed()
+            )));
         }
-        let (stamp, x, y, theta) =
-            (find(&STAMPS, &stamps), find(&["x"], &LENGTHS), find(&["y"], &LENGTHS), find(&HEADINGS, &angles));
-        let (stamp, x, y, theta) = (stamp.ok_or(None)?, x.ok_or(None)?, y.ok_or(None)?, theta.ok_or(None)?);
-        let ns = if stamp.1 == 1.0 && !names[stamp.0].ends_with("_ns") { 1e9 } else { stamp.1 };
-        let mut columns = Self {
+        let speed = |name: &str, unit: &'static str| names.all(&[name], &[(unit, 1.0)]).first().map(|(at, _)| *at);
+        Ok(Self {
             separator,
             header: header.to_owned(),
-            count: names.len(),
+            count: names.0.len(),
             stamp: (stamp.0, ns as u64),
             x,
             y,
             theta,
-            v: find(&["v"], &[("_mps", 1.0)]).map(|(at, _)| at),
-            w: find(&["w"], &[("_radps", 1.0)]).map(|(at, _)| at),
-            beams: Vec::new(),
-            sonars: Vec::new(),
-        };
-        let mut beams: BTreeMap<u16, (usize, f64)> = BTreeMap::new();
-        for (at, name) in names.iter().enumerate() {
-            let (name, unit) = with_unit(name, &LENGTHS);
-            if let Some(bearing) = name.strip_prefix("sonar_").and_then(|bearing| bearing.parse::<f64>().ok()) {
-                if bearing.abs() <= 360.0 {
-                    columns.sonars.push((at, unit, Pose2::new(0.0, 0.0, bearing.to_radians())));
-                }
-            } else if let Some(number) = name.strip_prefix('r').and_then(|number| number.parse::<u16>().ok())
-                && number <= BEAMS_MAX
-            {
-                beams.entry(number).or_insert((at, unit));
-            }
-        }
-        // Some count from 1.
-        let first = u16::from(!beams.contains_key(&0));
-        let last = beams.keys().next_back().copied();
-        columns.beams =
-            last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect());
-        let has_ranges = !(columns.beams.is_empty() && columns.sonars.is_empty());
-        if has_ranges {
-            return Ok(columns);
-        }
-        Err(Some(format!(
-            "no column holds ranges: r0, r1 … of a lidar, or sonar_90 of a sonar that looks to 90° (_m, _cm, _mm); there are {}",
-            listed(&names)
-        )))
+            v: speed("v", "_mps"),
+            w: speed("w", "_radps"),
+            beams,
+            sonars,
+        })
     }
 
     /// The odometry of a row, then its readings.
@@ -208,9 +158,90 @@ impl Columns {
     }
 }
 
+/// The names of a table's columns, plain.
+struct Names(Vec<String>);
+
+impl Names {
+    /// The columns of one of these names, with what one of their unit is.
+    fn all(&self, wanted: &[&str], units: &[Unit]) -> Vec<(usize, f64)> {
+        let unit_of = |name: &String| {
+            let (name, unit) = with_unit(name, units);
+            wanted.contains(&name).then_some(unit)
+        };
+        self.0.iter().enumerate().filter_map(|(at, name)| Some((at, unit_of(name)?))).collect()
+    }
+
+    /// The columns of stamp, x, y and heading.
+    ///
+    /// # Errors
+    /// Which is missing, or there twice; none: it is no table's header.
+    fn needed(&self) -> Result<[(usize, f64); 4], Option<String>> {
+        let angles = [("_rad", 1.0), ("_deg", 1_f64.to_radians())];
+        let needed: [(&[&str], &[Unit], &str); 4] = [
+            (&STAMPS, &TIMES, "t, time, stamp or timestamp (_s, _ms, _us, _ns)"),
+            (&["x"], &LENGTHS, "x (_m, _cm, _mm)"),
+            (&["y"], &LENGTHS, "y (_m, _cm, _mm)"),
+            (&HEADINGS, &angles, "theta, yaw or heading (_rad, _deg)"),
+        ];
+        let found = needed.map(|(wanted, units, _)| self.all(wanted, units));
+        // Two of four are no accident.
+        let is_table = found.iter().filter(|columns| !columns.is_empty()).count() >= 2;
+        let mut one = [(0, 0.0); 4];
+        for ((columns, (wanted, _, expected)), one) in found.iter().zip(needed).zip(&mut one) {
+            *one = match columns.as_slice() {
+                [only] => *only,
+                [] => {
+                    return Err(is_table.then(|| format!("no column is named {expected}; there are {}", self.listed())));
+                }
+                [first, second, ..] => {
+                    let (first, second) = (first.0 + 1, second.0 + 1);
+                    return Err(
+                        is_table.then(|| format!("columns {first} and {second} are both {}: which counts?", wanted[0]))
+                    );
+                }
+            };
+        }
+        Ok(one)
+    }
+
+    /// Columns and units of the beams, in the order of their numbers; none where the table lacks one.
+    fn beams(&self) -> Vec<Option<(usize, f64)>> {
+        let mut beams: BTreeMap<u16, (usize, f64)> = BTreeMap::new();
+        for (at, name) in self.0.iter().enumerate() {
+            let (name, unit) = with_unit(name, &LENGTHS);
+            let number = name.strip_prefix('r').and_then(|number| number.parse::<u16>().ok());
+            if let Some(number) = number.filter(|number| *number <= BEAMS_MAX) {
+                beams.entry(number).or_insert((at, unit));
+            }
+        }
+        // Some count from 1.
+        let first = u16::from(!beams.contains_key(&0));
+        let last = beams.keys().next_back().copied();
+        last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect())
+    }
+
+    /// Columns and units of the sonars, and where they look.
+    fn sonars(&self) -> Vec<(usize, f64, Pose2)> {
+        let sonar = |(at, name): (usize, &String)| {
+            let (name, unit) = with_unit(name, &LENGTHS);
+            let bearing: f64 = name.strip_prefix("sonar_")?.parse().ok()?;
+            (bearing.abs() <= 360.0).then(|| (at, unit, Pose2::new(0.0, 0.0, bearing.to_radians())))
+        };
+        self.0.iter().enumerate().filter_map(sonar).collect()
+    }
+
+    /// For people.
+    fn listed(&self) -> String {
+        let shown: Vec<&str> = self.0.iter().take(NAMES_SHOWN).map(String::as_str).collect();
+        let more = if self.0.len() > shown.len() { " …" } else { "" };
+        format!("{}{more}", shown.join(", "))
+    }
+}
+
 /// The end of a name that says a unit, and what one of it is.
 type Unit = (&'static str, f64);
 
+const TIMES: [Unit; 4] = [("_ns", 1.0), ("_us", 1e3), ("_ms", 1e6), ("_s", 1e9)];
 const LENGTHS: [Unit; 3] = [("_mm", 0.001), ("_cm", 0.01), ("_m", 1.0)];
 
 fn is_row(line: &str) -> bool {
@@ -224,13 +255,6 @@ fn plain_name(name: &str) -> String {
         Some((name, unit)) => format!("{}_{}", name.trim(), unit.trim()),
         None => name,
     }
-}
-
-/// Names of columns, for people.
-fn listed(names: &[String]) -> String {
-    let shown: Vec<&str> = names.iter().take(NAMES_SHOWN).map(String::as_str).collect();
-    let more = if names.len() > shown.len() { " …" } else { "" };
-    format!("{}{more}", shown.join(", "))
 }
 
 /// A name without its unit, and what one of it is.
