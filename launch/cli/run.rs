@@ -34,8 +34,8 @@ pub struct Settings {
     #[arg(long, conflicts_with_all = ["fix", "fix_every"])]
     pub slam: bool,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
-    /// a log that knows), tf (a recording's map to odom), topic:NAME (its poses); or a file: surveyed landmarks (.toml), or a
-    /// reference path with lines `t x y theta` [default: none].
+    /// a log that knows), tf (a recording's map to odom), topic:NAME (its poses); or a file: a map to find the robot in
+    /// (.echogrid), surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
     #[arg(long, value_name = "SOURCE|FILE")]
     pub fix: Option<String>,
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.

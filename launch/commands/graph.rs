@@ -25,7 +25,7 @@ use echogrid_topics::contract::{MAX_SENSORS, RobotWire};
 
 use super::live::{Watch, Watched};
 use super::spool::Spool;
-use super::{doctor, folder, stale};
+use super::{doctor, folder, recognised, stale};
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, RunSetting, ServiceKind};
 use crate::limits;
@@ -85,6 +85,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     }
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
+    recognised::check(&config.localizer, &config.run.out)?;
     let little = survey.as_ref().map(|survey| overlap(config, survey)).transpose()?.flatten();
     // So is a parameter file that is none. The robot itself may yet have to be turned on.
     if config.drives_pioneer() {
@@ -170,8 +171,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
         ensure!(
             !map.unplaced,
-            "nothing was mapped: nobody could tell where in the map the drive begins; --start X Y THETA says it, and \
-             --set odometry.start=odometry takes the odometry's own frame for the map's"
+            "nothing was mapped: {}; --start X Y THETA says it, and --set odometry.start=odometry takes the odometry's own frame \
+             for the map's",
+            recognised::nobody_could_tell(&config.localizer)
         );
         bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
     }
@@ -190,6 +192,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     summary.log_faults.extend(of_its_run(loaded.run_settings()));
     summary.log_faults.extend(survey.as_ref().and_then(|survey| suggestion(survey, config.odometry.poses)));
     summary.log_faults.extend(little);
+    summary.log_faults.extend(recognised::remark(&config.localizer, outcome.map.as_ref()));
     summary.log_faults.extend(of_earlier_runs);
     if config.does_slam() {
         summary.slam = Some(super::closures::read(&config.run.out)?);
@@ -433,7 +436,7 @@ fn overlap(config: &Config, survey: &LogSurvey) -> Result<Option<String>> {
             let seen = Sightings::read(sightings, &Landmarks::read(landmarks)?)?;
             (sightings, seen.all().iter().map(|sighting| sighting.stamp_ns).collect())
         }
-        Source::None | Source::Operator | Source::Truth => return Ok(None),
+        Source::None | Source::Operator | Source::Truth | Source::Map => return Ok(None),
     };
     let (Some(first_ns), Some(last_ns)) = (known.first(), known.last()) else { return Ok(None) };
     let seconds = |ns: u64| ns as f64 * 1e-9;

@@ -16,6 +16,7 @@ mod live;
 mod manual;
 mod new;
 mod observer;
+mod recognised;
 mod relations;
 mod score;
 mod service;

@@ -2,6 +2,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use echogrid_core::localization::Ask;
+use echogrid_localizer::config::Source as LocatedBy;
 use echogrid_topics::velocity::{DRIVE_COMMAND, Velocity};
 use echogrid_topics::{DeclaredTopic, Topic};
 use serde::Serialize;
@@ -41,6 +43,24 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     config.recorder = section("recorder", &config.recorder, settings)?;
     config.supervision = section("supervision", &config.supervision, settings)?;
     Ok(config)
+}
+
+/// Where a robot is localized in a map, which costs nothing but time, it is asked for by way, too, unless it is said when.
+pub(crate) fn ask_by_way(config: &mut Config, origins: &Origins) {
+    const EVERY_M: f64 = 2.0;
+    let is_said = ["ask", "every_m", "every_s"].iter().any(|key| origins.contains_key(&format!("localization.{key}")));
+    if config.localizer.source == LocatedBy::Map && !is_said {
+        (config.localization.ask, config.localization.every_m) = (Ask::Both, EVERY_M);
+    }
+}
+
+/// Who localizes in a map reads what the sensors hear and see.
+pub(crate) fn wire_localizer(config: &mut Config) {
+    let is_of_map = config.localizer.source == LocatedBy::Map;
+    let localizers = config.services.values_mut().filter(|service| service.exec == Exec::Builtin(Builtin::Localizer));
+    for service in localizers.filter(|_| is_of_map) {
+        service.wiring = echogrid_localizer::MAP_DECLARATION.into();
+    }
 }
 
 fn section<T: Serialize + DeserializeOwned>(name: &str, defaults: &T, settings: &[Setting]) -> Result<T, Problem> {

@@ -163,6 +163,7 @@ fn load(
     problems.extend(recorded.problems);
     let origins = assemble::origins(&settings);
     let mut config = assemble::sections(&settings).map_err(|problem| ConfigError::Invalid(vec![problem]))?;
+    assemble::ask_by_way(&mut config, &origins);
     config.robot = robot;
     problems.extend(ranges::problems(&config, &origins));
     // What is wrong with the graph may only follow from a key that was refused.
@@ -174,6 +175,7 @@ fn load(
         match assemble::services(&settings, &origins, config.localizer.is_served()) {
             Ok(services) => {
                 config.services = services;
+                assemble::wire_localizer(&mut config);
                 problems.extend(roles::problems(&config, &origins));
             }
             Err(more) => problems.extend(more),

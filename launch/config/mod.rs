@@ -234,10 +234,11 @@ impl Config {
     }
 
     /// `[odometry]` with what `auto` comes to in this graph: a simulated robot is started where its odometry believes to be,
-    /// and who wants no mapping held has it begin where the odometry says.
+    /// and who wants no mapping held has it begin where the odometry says; but where a map lies only the first fix in it says.
     #[must_use]
     pub fn resolved_odometry(&self) -> OdometryConfig {
         let start = match self.odometry.start {
+            start if start.is_open() && self.localizer.source == Source::Map => start,
             start if start.is_open() && (self.simulates() || self.localization.hold == Choice::Never) => {
                 Start::Word(StartWord::Odometry)
             }

@@ -29,7 +29,7 @@ pub struct LoadRequest {
     pub sensor: Option<String>,
     /// `--slam`: poses are corrected where a lidar sees the same again.
     pub slam: bool,
-    /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`) or of a reference path.
+    /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`), of a reference path, or a map (`.echogrid`).
     pub fix: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
     pub fix_every: Option<Interval>,
@@ -143,8 +143,11 @@ fn recorded_truth(text: &str) -> Option<&str> {
 
 /// The source that a file of `--fix` is for, and its key; none when it is no file but a word.
 fn fix_file(text: &str) -> Option<(&'static str, &'static str)> {
-    if Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case("toml")) {
+    let ends_in = |word| Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(word));
+    if ends_in("toml") {
         Some(("landmarks", "localizer.landmarks"))
+    } else if ends_in("echogrid") {
+        Some(("map", "localizer.map"))
     } else {
         text.contains(['/', '.']).then_some(("reference", "localizer.reference"))
     }

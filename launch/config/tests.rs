@@ -1,5 +1,6 @@
 //! What goes in, and what comes out or is told.
 
+use echogrid_core::localization::Ask;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -461,7 +462,9 @@ fn a_file_says_where_the_robot_is() {
         let base = Some(folder.path().to_path_buf());
         Config::load(&LoadRequest { fix: Some(fix.into()), sets, base, ..LoadRequest::default() })
     };
-    for (file, key) in [("marks.toml", "landmarks"), ("path.txt", "reference"), ("of.laser", "reference")] {
+    for (file, key) in
+        [("marks.toml", "landmarks"), ("path.txt", "reference"), ("of.laser", "reference"), ("a.echogrid", "map")]
+    {
         let error = of(file, &[]).unwrap_err().to_string();
         let expected = format!("localizer.{key} = {:?}: there is no such file", folder.path().join(file));
         assert!(error.contains(&expected) && error.contains(&format!("--fix {file}")), "{error}");
@@ -470,9 +473,18 @@ fn a_file_says_where_the_robot_is() {
         assert_eq!(config.localizer.files(), [(key, folder.path().join(file).as_path())]);
         assert!(config.has_localizer());
     }
+    // In a map it is asked for by way, too, unless it is said when; and what the sensors hear is read.
+    let in_map = of("a.echogrid", &[]).unwrap().into_config();
+    assert_eq!((in_map.localization.ask, in_map.localization.every_m), (Ask::Both, 2.0));
+    assert!(in_map.services["localizer"].wiring.reads.contains(&"range/scan".to_owned()));
+    assert!(in_map.resolved_odometry().start.is_open());
+    let said = of("a.echogrid", &["localization.ask=degraded"]).unwrap().into_config();
+    assert_eq!((said.localization.ask, said.localization.every_m), (Ask::Degraded, 0.0));
     for (fix, set, expected) in [
         ("reference", "run.rate=1", "localizer.reference = \"\": expected a file with lines `t x y theta`"),
         ("landmarks", "run.rate=1", "localizer.landmarks = \"\": expected a file with tables [[landmark]]"),
+        ("map", "run.rate=1", "localizer.map = \"\": expected a map.echogrid, in which"),
+        ("a.echogrid", "localizer.map_window_m=20", "localizer.map_window_m = 20: expected metres, from 1 to 12"),
         ("marks.toml", "localizer.sightings=none", "none\": there is no such file"),
         ("marks.toml", "localizer.measure=ranges", "did you mean \"range\"?"),
         ("marks.toml", "localizer.range_sigma_m=0", "localizer.range_sigma_m = 0: expected metres, from 1e-9"),

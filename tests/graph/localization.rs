@@ -227,6 +227,89 @@ fn the_user_says_where_the_robot_is_and_pauses_mapping() {
     assert_eq!(ended.leftovers(), Vec::<String>::new());
 }
 
+/// A drive through a world that is simulated; its log, and its map where fixes are exact.
+fn simulated(folder: &std::path::Path, name: &str, world: &str, seed: u32, more: &[&str]) -> (String, String) {
+    let (out, log) = (path(&folder.join(name)), path(&folder.join(format!("{name}.log"))));
+    let sets = [
+        format!("simulator.world={world}"),
+        format!("simulator.seed={seed}"),
+        format!("simulator.record={log}"),
+        "simulator.route=[[1.5,6],[8,6],[11,3]]".to_owned(),
+    ];
+    let sets = sets.iter().flat_map(|set| ["--set", set]);
+    let arguments = ["demo", "-q", "--json", "--out", &out].into_iter().chain(sets).chain(more.iter().copied());
+    let output = echogrid(arguments);
+    assert!(output.status.success(), "{}", said(&output));
+    (log, format!("{out}/map.echogrid"))
+}
+
+#[test]
+fn a_second_drive_is_localized_in_the_map_of_the_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, map) = simulated(folder.path(), "first", "office", 1, &["--fix-every", "0.3m"]);
+    // Another drive, whose odometry begins in a frame of its own.
+    let (log, _) = simulated(folder.path(), "second", "office", 5, &["--fix", "none"]);
+    let turned = folder.path().join("turned.log");
+    let frame = echogrid_core::Pose2::new(20.0, -7.0, 2.0);
+    let text = std::fs::read_to_string(&log).unwrap();
+    std::fs::write(&turned, text.lines().map(|line| in_frame(line, frame) + "\n").collect::<String>()).unwrap();
+    let (turned, out) = (path(&turned), |name: &str| path(&folder.path().join(name)));
+    let arguments = |name: &str| {
+        let calibrated = ["--set", "odometry.systematic=correct"];
+        let arguments = ["map", &turned, "--fix", &map, "--json", "-q", "--out", &out(name)];
+        arguments.into_iter().chain(calibrated).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let found = summary(&echogrid(arguments("found")));
+    assert!(found["fixes"].as_u64().unwrap() >= 5, "{found}");
+    let native_map = |name: &str| std::fs::read(folder.path().join(name).join("map.echogrid")).unwrap();
+    let end = native::decode(&native_map("found")).unwrap().path.last().unwrap().pose;
+    let truth = text.lines().rfind(|line| line.starts_with("TRUEPOS")).unwrap();
+    let truth: Vec<f64> = truth.split(' ').skip(1).take(3).map(|number| number.parse().unwrap()).collect();
+    let off_m = end.distance_m(echogrid_core::Pose2::new(truth[0], truth[1], truth[2]));
+    assert!(off_m < 0.2, "{off_m} m from where it really is, in the frame of the first map");
+    // Killed on the way, it finds the same.
+    let mut graph = GraphProcess::start(ECHOGRID, arguments("killed"));
+    for (service, messages) in [("localizer", 150), ("odometry", 250), ("localizer", 400)] {
+        graph.wait_for_progress(service, messages);
+        graph.kill(service);
+    }
+    let ended = graph.wait();
+    assert!(ended.restarts() >= 1, "{:?}", ended.summary());
+    assert!(native_map("killed") == native_map("found"), "the maps differ");
+    // Nobody's own map is replaced by what was found in it.
+    let into_itself = echogrid(["map", &turned, "--fix", &map, "--out", &out("first")]);
+    assert!(said(&into_itself).contains("is what this run would save its own map as"), "{}", said(&into_itself));
+}
+
+/// A line of a log with its odometry seen from elsewhere; where the robot really is stays as it was.
+fn in_frame(line: &str, frame: echogrid_core::Pose2) -> String {
+    let mut words: Vec<String> = line.split(' ').map(str::to_owned).collect();
+    let first = match words[0].as_str() {
+        "ODOM" => 1,
+        "TRUEPOS" => 4,
+        _ => return line.to_owned(),
+    };
+    let number = |index: usize| words[index].parse::<f64>().unwrap();
+    let pose = frame * echogrid_core::Pose2::new(number(first), number(first + 1), number(first + 2));
+    for (word, value) in words[first..first + 3].iter_mut().zip([pose.x, pose.y, pose.theta]) {
+        *word = value.to_string();
+    }
+    words.join(" ")
+}
+
+#[test]
+fn in_a_map_of_another_building_nothing_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, map) = simulated(folder.path(), "first", "office", 1, &["--fix-every", "0.3m"]);
+    let other = path(&folder.path().join("other"));
+    let drive = ["demo", "-q", "--out", &other, "--set", "simulator.world=room", "--fix", &map];
+    let output = echogrid(drive);
+    assert!(!output.status.success() && said(&output).contains("not recognised in"), "{}", said(&output));
+    // Who says where the drive begins gets a map of the odometry, and is told so.
+    let output = echogrid(drive.into_iter().chain(["--set", "odometry.start=odometry"]));
+    assert!(output.status.success() && said(&output).contains("not recognised in it once"), "{}", said(&output));
+}
+
 #[test]
 fn what_can_not_be_asked_is_told_before_anything_is_started() {
     let drive = Drive::new(2.0);
@@ -239,6 +322,9 @@ fn what_can_not_be_asked_is_told_before_anything_is_started() {
     let broken = drive.out("broken.txt");
     std::fs::write(&broken, "1 2 3\n").unwrap();
     let broken = path(&broken);
+    let no_map = drive.out("no.echogrid");
+    std::fs::write(&no_map, "1 2 3\n").unwrap();
+    let no_map = path(&no_map);
     let log = path(&drive.log());
     for (arguments, expected) in [
         (&["map", &without, "--fix", "truth"][..], "no true pose in it"),
@@ -248,6 +334,8 @@ fn what_can_not_be_asked_is_told_before_anything_is_started() {
         ),
         (&["map", &log, "--fix", &broken], "broken.txt: line 1: \"1 2 3\"; expected 4 words"),
         (&["map", &log, "--fix", "no/such.toml"], "no/such.toml\": there is no such file"),
+        (&["map", &log, "--fix", "no/such.echogrid"], "no/such.echogrid\": there is no such file"),
+        (&["map", &log, "--fix", &no_map], "no.echogrid: not a native map"),
         (&["map", &log, "--fix", "reference"], "localizer.reference = \"\": expected a file"),
         (&["map", &log, "--fix-every", "5m"], "who is to be asked? Name one: --fix truth"),
         (&["map", &log, "--fix", "thruth"], "did you mean \"truth\"?"),

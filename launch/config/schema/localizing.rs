@@ -137,10 +137,10 @@ pub(crate) static LOCALIZER: Section = Section {
     keys: &[
         words(
             "source",
-            &["none", "operator", "truth", "reference", "landmarks"],
-            "one of none, operator, truth, reference, landmarks",
-            "none; operator: `echogrid fix`; truth: the sensor, if it is a simulator or a log with true poses; reference and \
-             landmarks: the files of these keys",
+            &["none", "operator", "truth", "reference", "landmarks", "map"],
+            "one of none, operator, truth, reference, landmarks, map",
+            "none; operator: `echogrid fix`; truth: the sensor, if it is a simulator or a log with true poses; reference, \
+             landmarks and map: the files of these keys",
         ),
         key(
             "position_sigma_m",
@@ -177,6 +177,18 @@ pub(crate) static LOCALIZER: Section = Section {
         ),
         key("range_sigma_m", "a number of metres", "metres, standard deviation of a range to a landmark"),
         key("bearing_sigma_rad", "a number of radians", "radians, standard deviation of a bearing of a landmark"),
+        text("map", Text::Path, "a path", "a map.echogrid in which the robot is localized; empty: not named"),
+        key(
+            "map_window_m",
+            "a number of metres from 1 to 12",
+            "metres of way whose sonar readings are laid on the map as one piece; half more while nothing is known",
+        ),
+        key(
+            "map_evidence_nat",
+            "a number of nat",
+            "nat a reading by which sonars must fit the map better than nothing",
+        ),
+        key("map_margin_nat", "a number of nat", "nat a reading by which the next best place must be worse"),
     ],
     probe: probe::<LocalizerConfig>,
     defaults: defaults::<LocalizerConfig>,

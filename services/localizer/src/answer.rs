@@ -10,6 +10,8 @@ pub(crate) enum Answer {
     Fix(Fix),
     /// That can't be told, and why.
     Unknown(String),
+    /// The robot has not driven far enough for that to be told.
+    TooEarly,
     /// The truth has not come that far.
     NotYet,
 }

@@ -20,6 +20,8 @@ pub enum Source {
     Reference,
     /// Surveyed landmarks, and what is measured of them.
     Landmarks,
+    /// A map that was saved before, by what the sensors hear or see in it.
+    Map,
 }
 
 /// What is measured of a landmark.
@@ -79,6 +81,14 @@ pub struct LocalizerConfig {
     pub range_sigma_m: f64,
     /// Standard deviation of a bearing of a landmark, radians.
     pub bearing_sigma_rad: f64,
+    /// The file of a map that was saved before; empty: not named.
+    pub map: PathBuf,
+    /// The way back over which what sonars heard is laid on the map as one piece, metres; by half more while nothing is known.
+    pub map_window_m: f64,
+    /// How much better the readings of sonars must fit the map than nothing, nat a reading.
+    pub map_evidence_nat: f64,
+    /// How much worse the next best place must be, nat a reading.
+    pub map_margin_nat: f64,
 }
 
 impl Default for LocalizerConfig {
@@ -97,19 +107,24 @@ impl Default for LocalizerConfig {
             measure: Measure::Both,
             range_sigma_m: 0.1,
             bearing_sigma_rad: 0.02,
+            map: PathBuf::new(),
+            map_window_m: 4.0,
+            map_evidence_nat: 1.2,
+            map_margin_nat: 0.6,
         }
     }
 }
 
 impl LocalizerConfig {
     /// The keys that name files.
-    pub const FILES: [&str; 3] = ["reference", "landmarks", "sightings"];
+    pub const FILES: [&str; 4] = ["reference", "landmarks", "sightings", "map"];
 
     /// The files that the source reads, each with its key.
     #[must_use]
     pub fn files(&self) -> Vec<(&'static str, &Path)> {
         let files = match self.source {
             Source::None | Source::Operator | Source::Truth => Vec::new(),
+            Source::Map => vec![("map", self.map.as_path())],
             Source::Reference => vec![("reference", self.reference.as_path())],
             Source::Landmarks => vec![("landmarks", self.landmarks.as_path()), ("sightings", self.sightings.as_path())],
         };
@@ -120,7 +135,7 @@ impl LocalizerConfig {
     #[must_use]
     pub fn needs_truth(&self) -> bool {
         match self.source {
-            Source::None | Source::Operator | Source::Reference => false,
+            Source::None | Source::Operator | Source::Reference | Source::Map => false,
             Source::Truth => true,
             Source::Landmarks => self.sightings.as_os_str().is_empty(),
         }
@@ -130,7 +145,7 @@ impl LocalizerConfig {
     #[must_use]
     pub fn needs_time(&self) -> bool {
         match self.source {
-            Source::None | Source::Operator | Source::Truth => false,
+            Source::None | Source::Operator | Source::Truth | Source::Map => false,
             Source::Reference => true,
             Source::Landmarks => !self.sightings.as_os_str().is_empty(),
         }
@@ -169,6 +184,9 @@ impl LocalizerConfig {
         positive("sight_m", self.sight_m, "metres, 0 or more")?;
         deviation("range_sigma_m", self.range_sigma_m, "metres, from 1e-9 to 1e6")?;
         deviation("bearing_sigma_rad", self.bearing_sigma_rad, "radians, from 1e-9 to 1e6")?;
+        check("map_window_m", self.map_window_m, (1.0..=12.0).contains(&self.map_window_m), "metres, from 1 to 12")?;
+        positive("map_evidence_nat", self.map_evidence_nat, "nat, 0 or more")?;
+        positive("map_margin_nat", self.map_margin_nat, "nat, 0 or more")?;
         // What leaves no value that would be right comes last.
         let named = |key, file: &Path, expected| match file.as_os_str().is_empty() {
             true => Err(ConfigError { key, value: "\"\"".to_owned(), expected }),
@@ -186,6 +204,11 @@ impl LocalizerConfig {
                 &self.landmarks,
                 "a file with tables [[landmark]], which localizer.source = \"landmarks\" is to read (--fix FILE.toml names \
                  it, too)",
+            ),
+            Source::Map => named(
+                "map",
+                &self.map,
+                "a map.echogrid, in which localizer.source = \"map\" is to localize (--fix FILE.echogrid names it, too)",
             ),
         }
     }
@@ -210,6 +233,9 @@ mod tests {
             (wrong(|config| config.sight_m = f64::INFINITY), "sight_m = inf: expected metres"),
             (wrong(|config| config.range_sigma_m = 0.0), "range_sigma_m = 0: expected metres, from 1e-9"),
             (wrong(|config| config.bearing_sigma_rad = 1e9), "bearing_sigma_rad = 1000000000: expected radians"),
+            (wrong(|config| config.map_window_m = 0.5), "map_window_m = 0.5: expected metres, from 1 to 12"),
+            (wrong(|config| config.map_evidence_nat = -1.0), "map_evidence_nat = -1: expected nat, 0 or more"),
+            (wrong(|config| config.source = Source::Map), "map = \"\": expected a map.echogrid"),
             (wrong(|config| config.source = Source::Reference), "reference = \"\": expected a file with lines"),
             (wrong(|config| config.source = Source::Landmarks), "landmarks = \"\": expected a file with tables"),
         ] {
@@ -222,6 +248,7 @@ mod tests {
         let with = |source, sightings: &str| LocalizerConfig {
             source,
             reference: "path.txt".into(),
+            map: "map.echogrid".into(),
             landmarks: "marks.toml".into(),
             sightings: sightings.into(),
             ..LocalizerConfig::default()
@@ -230,6 +257,7 @@ mod tests {
         for (config, files, truth) in [
             (with(Source::Truth, "seen.txt"), &[][..], true),
             (with(Source::Reference, "seen.txt"), &["reference"], false),
+            (with(Source::Map, "seen.txt"), &["map"], false),
             (with(Source::Landmarks, ""), &["landmarks"], true),
             (with(Source::Landmarks, "seen.txt"), &["landmarks", "sightings"], false),
         ] {

@@ -5,8 +5,10 @@
 
 mod answer;
 pub mod config;
+mod drive;
 mod landmarks;
 mod reference;
+mod saved_map;
 mod source;
 mod truth;
 
@@ -16,19 +18,31 @@ use std::process::ExitCode;
 use answer::Answer;
 use anyhow::{Context, Result};
 use config::LocalizerConfig;
+use drive::Drive;
+use echogrid_core::DrivePose;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
-use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, Topic};
+use echogrid_topics::{LocalizationFix, LocalizationRequest, Message, RawOdometry, Topic};
 use serde::{Deserialize, Serialize};
 use source::Source;
 use truth::Truth;
 
-/// What it reads. The requests end last, after the end of the truth was sent: what is read after them is read to its end.
+/// What it reads, unless it is in a map that it localizes. The requests end last, after the end of the truth was sent: what is read
+/// after them is read to its end.
 pub const INPUTS: &[Topic] = &[Topic::LocalizationRequest, Topic::TruePose];
+/// What it reads where it localizes in a map: what the odometry reads, and what the sensors hear and see.
+pub const MAP_INPUTS: &[Topic] =
+    &[Topic::RobotDescription, Topic::RangeScan, Topic::OdometryRaw, Topic::LocalizationRequest];
+/// Either: which of them in a graph its plan says.
+const ALL_INPUTS: &[Topic] =
+    &[Topic::RobotDescription, Topic::RangeScan, Topic::OdometryRaw, Topic::LocalizationRequest, Topic::TruePose];
 /// What it writes.
 pub const OUTPUTS: &[Topic] = &[Topic::LocalizationFix];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &[] };
+
+/// The same where it localizes in a map.
+pub const MAP_DECLARATION: Declaration = Declaration { reads: MAP_INPUTS, ..DECLARATION };
 
 /// Name of the only part that is saved.
 const STATE: &str = "state";
@@ -44,6 +58,7 @@ pub struct LocalizerService {
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct State {
     truth: Truth,
+    drive: Drive,
     /// Requests, with their stamps, of times that the truth has not reached.
     waiting: VecDeque<(u64, LocalizationRequest)>,
     /// Requests that were answered without a fix.
@@ -71,9 +86,10 @@ impl LocalizerService {
     /// Answers what can be answered by now.
     fn answer_waiting(&mut self, out: &mut Outbox) {
         while let Some((stamp_ns, request)) = self.state.waiting.front() {
-            let fix = match self.source.answer(*stamp_ns, request, &self.state.truth) {
+            let fix = match self.source.answer(*stamp_ns, request, &self.state.truth, &self.state.drive) {
                 Answer::NotYet => break,
                 Answer::Fix(fix) => Some(fix),
+                Answer::TooEarly => None,
                 Answer::Unknown(why) => {
                     self.state.unanswered += 1;
                     // The first tells what is wrong, and there may be thousands.
@@ -93,7 +109,7 @@ impl LocalizerService {
 
 impl Service for LocalizerService {
     fn inputs(&self) -> &'static [Topic] {
-        INPUTS
+        if matches!(self.source, Source::Map(_)) { MAP_INPUTS } else { INPUTS }
     }
 
     fn outputs(&self) -> &'static [Topic] {
@@ -114,6 +130,15 @@ impl Service for LocalizerService {
         Ok(())
     }
 
+    fn ended(&mut self, topic: Topic, out: &mut Outbox) {
+        match topic {
+            Topic::RangeScan => self.state.drive.scans_ended(),
+            Topic::OdometryRaw => self.state.drive.odometry_ended(),
+            _ => {}
+        }
+        self.answer_waiting(out);
+    }
+
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
         match input {
             Input::Message { stamp_ns, message: Message::TruePose(pose), .. } => {
@@ -121,6 +146,14 @@ impl Service for LocalizerService {
             }
             Input::Message { stamp_ns, message: Message::Request(request), .. } => {
                 self.state.waiting.push_back((stamp_ns, request));
+            }
+            Input::Message { message: Message::Robot(robot), .. } => self.state.drive.described(robot),
+            Input::Message { stamp_ns, message: Message::Odometry(raw), .. } => {
+                let RawOdometry { odom_from_base, v_mps, w_radps } = raw;
+                self.state.drive.moved(DrivePose { stamp_ns, odom_from_base, v_mps, w_radps });
+            }
+            Input::Message { stamp_ns, message: Message::Scan(readings), .. } => {
+                self.state.drive.scanned(stamp_ns, readings);
             }
             Input::Finish if self.state.unanswered > 1 => {
                 tracing::warn!(requests = self.state.unanswered, "so often where the robot was could not be told");
@@ -135,7 +168,7 @@ impl Service for LocalizerService {
 /// Runs it as this process.
 #[must_use]
 pub fn main() -> ExitCode {
-    process::run("localizer", INPUTS, OUTPUTS, LocalizerService::from_plan)
+    process::run("localizer", ALL_INPUTS, OUTPUTS, LocalizerService::from_plan)
 }
 
 #[cfg(test)]
@@ -238,6 +271,15 @@ mod tests {
         assert_eq!(service.state.unanswered, 2);
     }
 
+    fn empty_map(folder: &std::path::Path) -> std::path::PathBuf {
+        let file = folder.join("empty.echogrid");
+        let grid = echogrid_core::Grid::new(0.05);
+        let (path, provenance) = (Vec::new(), echogrid_formats::map::Provenance::default());
+        let map = echogrid_formats::map::MapDocument { grid, doubt: None, path, provenance };
+        echogrid_formats::map::native::write(&file, &map).unwrap();
+        file
+    }
+
     #[test]
     fn files_that_are_wrong_are_told_with_their_key() {
         let folder = tempfile::tempdir().unwrap();
@@ -260,6 +302,14 @@ mod tests {
             (
                 LocalizerConfig { source: Source::Landmarks, landmarks, sightings: file("s", "1 b 1 -"), ..plain() },
                 ["localizer.sightings", "s: line 1: landmark is \"b\""],
+            ),
+            (
+                LocalizerConfig { source: Source::Map, map: file("m", "no map"), ..plain() },
+                ["localizer.map", "m: not a native map"],
+            ),
+            (
+                LocalizerConfig { source: Source::Map, map: empty_map(folder.path()), ..plain() },
+                ["localizer.map: ", "0.0 m of wall"],
             ),
         ] {
             let error = format!("{:#}", LocalizerService::new(&config).unwrap_err());

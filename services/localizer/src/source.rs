@@ -6,8 +6,10 @@ use echogrid_topics::LocalizationRequest;
 
 use crate::answer::{Answer, NO_TRUTH, draws};
 use crate::config::{self, LocalizerConfig};
+use crate::drive::Drive;
 use crate::landmarks::Landmarks;
 use crate::reference::Reference;
+use crate::saved_map::SavedMap;
 use crate::truth::{Known, Truth};
 
 /// Whoever knows where the robot was.
@@ -20,7 +22,9 @@ pub(crate) enum Source {
     /// A file of poses.
     Reference(Reference),
     /// Surveyed landmarks.
-    Landmarks(Landmarks),
+    Landmarks(Box<Landmarks>),
+    /// A map that was saved before.
+    Map(Box<SavedMap>),
 }
 
 impl Source {
@@ -30,12 +34,19 @@ impl Source {
             config::Source::None | config::Source::Operator => Self::Nobody,
             config::Source::Truth => Self::Truth(Told::new(config)),
             config::Source::Reference => Self::Reference(Reference::read(config)?),
-            config::Source::Landmarks => Self::Landmarks(Landmarks::read(config)?),
+            config::Source::Landmarks => Self::Landmarks(Box::new(Landmarks::read(config)?)),
+            config::Source::Map => Self::Map(Box::new(SavedMap::read(config)?)),
         })
     }
 
     /// Where the robot was at `stamp_ns`. Depends on the request and the stamps alone.
-    pub(crate) fn answer(&self, stamp_ns: u64, request: &LocalizationRequest, truth: &Truth) -> Answer {
+    pub(crate) fn answer(
+        &mut self,
+        stamp_ns: u64,
+        request: &LocalizationRequest,
+        truth: &Truth,
+        drive: &Drive,
+    ) -> Answer {
         match self {
             Self::Nobody => Answer::Unknown("localizer.source names nobody who would know".to_owned()),
             Self::Truth(told) => match truth.at(stamp_ns) {
@@ -45,6 +56,7 @@ impl Source {
             },
             Self::Reference(reference) => reference.answer(stamp_ns),
             Self::Landmarks(landmarks) => landmarks.answer(stamp_ns, request, truth),
+            Self::Map(map) => map.answer(stamp_ns, request, drive),
         }
     }
 }

@@ -65,6 +65,11 @@ pub trait Service {
     /// The service can't go on; the graph is stopped with this error.
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()>;
 
+    /// An input stream has ended: nothing more of this topic comes, in whatever order it ends among others.
+    fn ended(&mut self, topic: Topic, out: &mut Outbox) {
+        let _ = (topic, out);
+    }
+
     /// Whether a message of this topic is welcome now. One that is not waits where it is, and its producer with it, until
     /// the service has taken a message of another topic and thinks otherwise: so an answer can be waited for.
     fn is_ready_for(&self, topic: Topic) -> bool {

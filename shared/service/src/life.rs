@@ -113,6 +113,10 @@ fn take_in(service: &mut impl Service, taken: Taken, out: &mut Outbox) -> Result
         Taken::Message(Header { sequence, stamp_ns, .. }, message) => {
             service.step(Input::Message { sequence, stamp_ns, message }, out).map_err(judged)
         }
+        Taken::End(topic) => {
+            service.ended(topic, out);
+            Ok(())
+        }
         Taken::Command(command) => {
             // What it answered was said when it was given.
             if let Err(error) = service.command(command, out) {

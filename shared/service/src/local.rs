@@ -25,6 +25,10 @@ pub fn run(sensor: &mut dyn Sensor, services: &mut [&mut dyn Service]) -> Result
         graph.send(stamp_ns, message);
         graph.settle()?;
     }
+    for topic in sensor.outputs() {
+        graph.end(*topic);
+        graph.settle()?;
+    }
     for index in 0..graph.services.len() {
         let mut out = Outbox::default();
         graph.services[index].step(Input::Finish, &mut out)?;
@@ -49,6 +53,17 @@ impl Graph<'_, '_> {
             if service.inputs().contains(&message.topic()) {
                 inbox.push_back((*sequence, stamp_ns, message.clone()));
             }
+        }
+    }
+
+    /// Tells those who read a topic of the sensor that nothing more comes of it.
+    fn end(&mut self, topic: Topic) {
+        for index in 0..self.services.len() {
+            let mut out = Outbox::default();
+            if self.services[index].inputs().contains(&topic) {
+                self.services[index].ended(topic, &mut out);
+            }
+            self.collect(out);
         }
     }
 

@@ -82,6 +82,17 @@ impl Plan {
         said.is_none_or(|said| said.iter().any(|name| name.as_str() == Some(topic.name())))
     }
 
+    /// Whether a service takes a topic that it could take: what a built-in takes may be a matter of its configuration.
+    #[must_use]
+    pub fn takes(&self, service: &str, topic: Topic) -> bool {
+        let of_service = self.config.get("services").and_then(|services| services.get(service));
+        let exec = of_service.and_then(|service| service.get("exec")).and_then(toml::Value::as_str);
+        let said = |key| of_service.and_then(|service| service.get(key)).and_then(toml::Value::as_array);
+        let all = || ["reads", "looks_on"].into_iter().filter_map(said).flatten();
+        let is_builtin = exec.is_some_and(|exec| exec.starts_with("builtin:"));
+        !is_builtin || all().count() == 0 || all().any(|name| name.as_str() == Some(topic.name()))
+    }
+
     /// Whether a service reads the topic of this name, as the graph file says.
     pub(crate) fn reads(&self, service: &str, topic: &str) -> bool {
         let of_service = self.config.get("services").and_then(|services| services.get(service));

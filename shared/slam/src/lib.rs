@@ -10,6 +10,7 @@ pub mod correlate;
 pub mod evaluate;
 mod front;
 pub mod graph;
+pub mod known;
 mod loops;
 pub mod matching;
 pub mod matrix;

@@ -58,7 +58,8 @@ impl Runtime {
         let mouth = open(Topic::Health)?;
         // Subscribers before publishers: whoever hears of us can rely on our being able to hear.
         let read = |topic: &Topic| Ok((Port::open(&participant, *topic)?, topic.qos(plan.max_readings).window));
-        let inputs = inputs.iter().map(read).collect::<Result<_, TopicError>>()?;
+        let inputs =
+            inputs.iter().filter(|topic| plan.takes(&name, **topic)).map(read).collect::<Result<_, TopicError>>()?;
         let ear = Port::open(&participant, Topic::Health)?;
         let outputs: Vec<Topic> = outputs.iter().copied().filter(|topic| plan.writes(&name, *topic)).collect();
         let keeps_generations = outputs.iter().any(|topic| topic.resumes());

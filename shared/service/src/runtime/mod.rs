@@ -36,6 +36,8 @@ const ACKNOWLEDGE_WITHIN: Duration = Duration::from_millis(50);
 pub enum Taken {
     /// A message.
     Message(Header, Message),
+    /// The end of an input stream.
+    End(Topic),
     /// An order that was carried out in an earlier life of the service, and is once more.
     Command(Command),
 }
@@ -121,7 +123,10 @@ impl Runtime {
                         return Ok(Some(Taken::Message(header, message)));
                     }
                     // A producer that waits for this wants to leave.
-                    Some(Found::End) => self.vitals.hasten(Duration::ZERO),
+                    Some(Found::End) => {
+                        self.vitals.hasten(Duration::ZERO);
+                        return Ok(Some(Taken::End(topic)));
+                    }
                     Some(Found::Faulty(header, fault)) => {
                         if self.vitals.faults == 0 {
                             let (topic, sequence) = (topic.name(), header.sequence);
