@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 const REMEMBERED: usize = 2048;
 /// So many poses after a request without a scan, and none is waited for: fewer than the sensor may be ahead of the odometry.
 const SILENT: usize = 512;
+/// So many poses back a step of the way is looked for.
+const LOOKED_BACK: usize = 512;
 /// The most way that is looked back over, metres.
 pub(crate) const WINDOW_MAX_M: f64 = 18.0;
 /// A turn of a radian counts as so many metres of way.
@@ -33,8 +35,10 @@ struct Moment {
     odom_from_base: Pose2,
     /// Until here, metres.
     way_m: f64,
-    /// How often the odometry had leapt.
+    /// How often the odometry had leapt …
     piece: u32,
+    /// … and how long the way was then, metres.
+    leapt_m: f64,
 }
 
 impl Moment {
@@ -44,7 +48,7 @@ impl Moment {
             stamp_ns,
             odom_from_base: self.odom_from_base.interpolate(later.odom_from_base, fraction),
             way_m: self.way_m + fraction * (later.way_m - self.way_m),
-            piece: self.piece,
+            ..*self
         }
     }
 }
@@ -125,11 +129,13 @@ impl Drive {
         }
         let has_leapt = self.leaps.next(pose).is_some();
         let moment = match self.track.back() {
-            None => Moment { stamp_ns, odom_from_base, way_m: 0.0, piece: 0 },
+            None => Moment { stamp_ns, odom_from_base, way_m: 0.0, piece: 0, leapt_m: 0.0 },
             Some(last) => {
                 let step = Increment::between(last.odom_from_base, odom_from_base);
                 let way_m = if has_leapt { 0.0 } else { step.length_m() + METRES_PER_RAD * step.turn_rad.abs() };
-                Moment { stamp_ns, odom_from_base, way_m: last.way_m + way_m, piece: last.piece + u32::from(has_leapt) }
+                let (piece, leapt_m) =
+                    if has_leapt { (last.piece + 1, last.way_m) } else { (last.piece, last.leapt_m) };
+                Moment { stamp_ns, odom_from_base, way_m: last.way_m + way_m, piece, leapt_m }
             }
         };
         if self.track.len() == REMEMBERED {
@@ -251,7 +257,9 @@ impl Drive {
         let now = self.at(stamp_ns)?;
         let step = (now.way_m / every_m).floor();
         let reached = |moment: &&Moment| moment.way_m >= step * every_m && moment.piece == now.piece;
-        let first = self.track.iter().find(reached)?;
+        // Not farther back than is remembered however far the sensor is ahead.
+        let until = self.track.partition_point(|moment| moment.stamp_ns <= stamp_ns);
+        let first = self.track.range(until.saturating_sub(LOOKED_BACK)..until).find(reached)?;
         (first.stamp_ns <= stamp_ns).then_some((step as i64, first.stamp_ns))
     }
 
@@ -274,9 +282,8 @@ impl Drive {
         let is_of = |at: &Moment, metres: f64| {
             at.stamp_ns <= stamp_ns && at.piece == now.piece && at.way_m > now.way_m - metres
         };
-        let begin_m = self.track.iter().find(|moment| moment.piece == now.piece).map_or(now.way_m, |first| first.way_m);
         let trail = Trail { scales, ..Trail::default() };
-        let mut piece = Piece { trail, way_m: (now.way_m - begin_m).min(window_m), ..Piece::default() };
+        let mut piece = Piece { trail, way_m: (now.way_m - now.leapt_m).min(window_m), ..Piece::default() };
         let half_m = now.way_m - 0.5 * piece.way_m;
         let mut later = now;
         for heard in self.heard.iter().rev().filter(|heard| is_of(&heard.at, window_m)) {

@@ -108,11 +108,9 @@ impl SavedMap {
                     return Err(None);
                 }
                 let gates = Gates { evidence_min: SURER * self.gates.evidence_min, ..self.gates };
+                let [seen, before] = &piece.points;
                 let found = if has_lidar {
-                    {
-                        let [last, before] = &piece.points;
-                        self.outlines().find(last, before, &lidar_gates())
-                    }
+                    self.outlines().find(seen, before, &lidar_gates())
                 } else {
                     self.echoes().find(&piece.trail, &gates)
                 };

@@ -118,3 +118,21 @@ fn what_is_remembered_is_bounded_and_goes_on_after_a_restart() {
     assert!(of(&again).is_some() && of(&again) == of(&drive));
     assert_eq!(drive.piece(SECOND, 4.0, 1.0, Scales::default()), None, "that is forgotten");
 }
+
+#[test]
+fn a_robot_that_stands_for_long_is_where_it_was_however_far_the_sensor_is_ahead() {
+    // 10.5 m, then it stands.
+    let stood = |poses: u64| {
+        let mut drive = driven(10);
+        (0..poses).for_each(|index| drive.moved(pose(11 * SECOND + index * SECOND / 10, 10.5)));
+        drive.scanned(11 * SECOND + poses * SECOND / 10, ring(1.0));
+        drive
+    };
+    let (early, late) = (stood(1501), stood(2500));
+    let at = 11 * SECOND + 150 * SECOND;
+    assert!(early.track.front() != late.track.front() && early.step_before(at, 1.0).is_some());
+    assert_eq!(early.step_before(at, 1.0), late.step_before(at, 1.0));
+    let of = |drive: &Drive| drive.piece(at, 6.0, 1.0, Scales::default()).unwrap();
+    assert_eq!(of(&early), of(&late));
+    assert!((of(&late).way_m - 6.0).abs() < 1e-9);
+}
