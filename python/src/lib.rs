@@ -3,13 +3,14 @@
 
 use std::path::PathBuf;
 
-use echogrid_core::{MapperConfig, OdometryConfig};
-use echogrid_judge::quality::{Quality, Truth};
 use echogrid_core::{
-    CellIndex, Echo, Estimate, Footprint, Grid, GridMapper, Matrix3, Odometry, Pose2, Reading, Robot, Sensor, SensorKind, TILE_SIDE,
+    CellIndex, Echo, Estimate, Footprint, Grid, GridMapper, Matrix3, Odometry, Pose2, Reading, Robot, Sensor,
+    SensorKind, TILE_SIDE,
 };
+use echogrid_core::{MapperConfig, OdometryConfig};
 use echogrid_formats::map::{MapDocument, PathPoint, Provenance, native};
 use echogrid_formats::world;
+use echogrid_judge::quality::{Quality, Truth};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -69,7 +70,19 @@ mod serde_like {
 fn robot(name: &str, length_m: f64, width_m: f64, sensors: Vec<SensorTuple>) -> PyResult<Robot> {
     let mut first = 0_u16;
     let mut sensor = |of: SensorTuple| {
-        let (kind, x, y, theta, transducers, first_bearing_rad, bearing_step_rad, aperture_rad, range_min_m, range_max_m, error) = of;
+        let (
+            kind,
+            x,
+            y,
+            theta,
+            transducers,
+            first_bearing_rad,
+            bearing_step_rad,
+            aperture_rad,
+            range_min_m,
+            range_max_m,
+            error,
+        ) = of;
         let sensor = Sensor {
             kind: if kind == 1 { SensorKind::Sonar } else { SensorKind::Lidar },
             base_from_sensor: Pose2::new(x, y, theta),
@@ -105,7 +118,9 @@ impl PyEstimate {
         }
         Ok(Self(match covariance {
             None => Estimate::certain(pose),
-            Some(rows) if rows.iter().all(|number| number.is_finite()) => Estimate::with_covariance(pose, &Matrix3::from_row_slice(&rows)),
+            Some(rows) if rows.iter().all(|number| number.is_finite()) => {
+                Estimate::with_covariance(pose, &Matrix3::from_row_slice(&rows))
+            }
             Some(rows) => return Err(wrong(format!("covariance {rows:?}: expected finite numbers"))),
         }))
     }
@@ -194,7 +209,13 @@ impl PyMapper {
     fn save(&self, path: PathBuf) -> PyResult<()> {
         let software = concat!("echogrid-python ", env!("CARGO_PKG_VERSION")).to_owned();
         let provenance = Provenance { software, ..Provenance::default() };
-        let document = MapDocument { grid: self.mapper.grid().clone(), doubt: None, path: self.path.clone(), provenance };
+        let document = MapDocument {
+            grid: self.mapper.grid().clone(),
+            doubt: None,
+            facing: None,
+            path: self.path.clone(),
+            provenance,
+        };
         native::write(&path, &document).map_err(wrong)
     }
 }

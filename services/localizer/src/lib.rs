@@ -275,7 +275,7 @@ mod tests {
         let file = folder.join("empty.echogrid");
         let grid = echogrid_core::Grid::new(0.05);
         let (path, provenance) = (Vec::new(), echogrid_formats::map::Provenance::default());
-        let map = echogrid_formats::map::MapDocument { grid, doubt: None, path, provenance };
+        let map = echogrid_formats::map::MapDocument { grid, doubt: None, facing: None, path, provenance };
         echogrid_formats::map::native::write(&file, &map).unwrap();
         file
     }
