@@ -87,6 +87,16 @@ pub(crate) static MAPPER: Section = Section {
             "of oriented: gains are multiplied by (σ of the range without odometry error / with it) to this power",
         ),
         key(
+            "oriented_looks",
+            "a number, 0 or from 1 to 1000000",
+            "of oriented: looks along which a wall answers with r leave 1 - (n r)^2 of it, however many they are, with this n; 0: they may take all",
+        ),
+        key(
+            "oriented_place_m",
+            "a number of metres, 0 or from 0.01 to 1000",
+            "of oriented: metres, the side of a place: from the third visit on, what is heard there in the same direction says little that is new; 0: off",
+        ),
+        key(
             "tempering",
             "a number from 0 to 10",
             "of first_echo: gains are multiplied by (σ of the range without odometry error / with it) to this power",

@@ -4,6 +4,7 @@
 
 mod drive;
 mod errors;
+mod laps;
 mod odometry;
 mod sonar;
 mod stream;

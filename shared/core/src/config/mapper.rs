@@ -174,6 +174,12 @@ pub struct MapperConfig {
     pub oriented_clear_m: f64,
     /// τ of oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
     pub oriented_tempering: f64,
+    /// n of oriented: looks along which a wall answers with probability r leave 1 − (n r)² of its weight, however many they are; 0: they
+    /// may take all of it.
+    pub oriented_looks: f64,
+    /// Of oriented: the side of a place, metres: from the third visit on, what is heard there in the same direction says little that is
+    /// new; 0: off ([`crate::novelty`] holds for every rule).
+    pub oriented_place_m: f64,
     /// τ of first_echo, as that of oriented.
     pub tempering: f64,
     /// Radius around the robot within which nothing is, as it stands there, metres; 0: it clears nothing.
@@ -227,7 +233,7 @@ impl Default for MapperConfig {
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
-            oriented_prior: 0.004,
+            oriented_prior: 0.005,
             oriented_detection: 0.7,
             oriented_diffuse: 0.15,
             oriented_incidence_deg: 20.0,
@@ -235,6 +241,8 @@ impl Default for MapperConfig {
             oriented_lost: 0.8,
             oriented_clear_m: 3.5,
             oriented_tempering: 0.9,
+            oriented_looks: 3.5,
+            oriented_place_m: 0.2,
             tempering: 0.5,
             footprint_m: Limit::Word(LimitWord::Auto),
             remap: true,
@@ -350,6 +358,15 @@ impl MapperConfig {
         ConfigError::unless(within(incidence_deg, 5.0, 90.0), "oriented_incidence_deg", incidence_deg, degrees)?;
         let clear_m = self.oriented_clear_m;
         ConfigError::unless(within(clear_m, 0.1, 1000.0), "oriented_clear_m", clear_m, "metres, from 0.1 to 1000")?;
+        let place_m = self.oriented_place_m;
+        ConfigError::unless(
+            place_m == 0.0 || within(place_m, 0.01, 1000.0),
+            "oriented_place_m",
+            place_m,
+            "metres, 0 (off) or from 0.01 to 1000",
+        )?;
+        let (looks, number) = (self.oriented_looks, "a number, 0 (off) or from 1 to 1000000");
+        ConfigError::unless(looks == 0.0 || within(looks, 1.0, 1e6), "oriented_looks", looks, number)?;
         for (key, value) in [("tempering", self.tempering), ("oriented_tempering", self.oriented_tempering)] {
             ConfigError::unless(within(value, 0.0, 10.0), key, value, "a number from 0 to 10")?;
         }

@@ -9,6 +9,7 @@ use crate::config::{Fusion, MapperConfig, Noise};
 use crate::filter::Channel;
 use crate::first_echo::FirstEcho;
 use crate::grid::Grid;
+use crate::heard::Heard;
 use crate::kernel::{EchoCone, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
 use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
@@ -76,6 +77,7 @@ pub(crate) struct Fuser {
     first_echo: FirstEchoKernel,
     oriented: OrientedKernel,
     pub(crate) novelty: Novelty,
+    pub(crate) heard: Heard,
 }
 
 impl Fuser {
@@ -94,6 +96,7 @@ impl Fuser {
                 config.oriented_incidence_deg.to_radians(),
             ),
             novelty: Novelty::default(),
+            heard: Heard::default(),
         }
     }
 
@@ -107,12 +110,22 @@ impl Fuser {
         if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
             return Err(Verdict::Untrusted);
         }
-        let (transducer, novelty_m) = (sounding.reading.transducer, self.config.novelty_m);
-        let of_now = || self.novelty.of(transducer, sounding.map_from_transducer(), novelty_m);
-        let news = news.unwrap_or_else(of_now);
+        let news = news.unwrap_or_else(|| self.news(sounding));
         let sigma_z0_m = self.sigma_z0_m(sounding);
         let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
         Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt(), cleared_m: 0.0 })
+    }
+
+    /// How much of a reading is new, in (0, 1].
+    fn news(&mut self, sounding: &Sounding<'_>) -> f64 {
+        let map_from_transducer = sounding.map_from_transducer();
+        let news = self.novelty.of(sounding.reading.transducer, map_from_transducer, self.config.novelty_m);
+        match self.config.fusion.of(sounding.channel.transducer.kind) {
+            Fusion::Oriented => {
+                self.heard.count(sounding.estimate.pose, map_from_transducer, self.config.oriented_place_m, news)
+            }
+            Fusion::Auto | Fusion::Paper | Fusion::Covariance | Fusion::FirstEcho => news,
+        }
     }
 
     /// What a reading of these deviations, so much of which is new, says of every cell of its cone, by the rule of fusion.
@@ -246,6 +259,7 @@ impl Fuser {
             aperture_rad,
             prior_log_odds: log_odds_of(self.config.oriented_prior),
             weight: news * libm::pow(self.sigma_z0_m(sounding) / sigma_z_m, self.config.oriented_tempering),
+            looks: if self.config.oriented_looks > 0.0 { self.config.oriented_looks } else { f64::INFINITY },
             leaves_gaps: sounding.channel.transducer.leaves_gaps,
             draw: draw(sounding.sequence, sounding.reading.transducer),
         }

@@ -75,6 +75,14 @@ fn softplus(x: f64) -> f64 {
     x.max(0.0) + libm::log1p(libm::exp(-x.abs()))
 }
 
+/// What looks along which a wall answers with probability r leave of its weight at least, relative to what it was before any reading:
+/// 1 − (n r)² with n = `looks`, at least 0. More than that they do not take, however many they are: what the model has wrong at
+/// the edge of a wall's response is wrong each time.
+#[must_use]
+pub fn left_by_looks(r: f64, looks: f64) -> f64 {
+    if looks.is_finite() { (1.0 - looks * r * looks * r).max(0.0) } else { 0.0 }
+}
+
 /// What a reading says, and how far it is to be believed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Oriented {

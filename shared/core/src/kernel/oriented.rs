@@ -19,7 +19,7 @@ use super::wide::{Width, Work};
 use super::{Apex, OffMap, Place, cells_around};
 use crate::first_echo::BEHIND;
 use crate::grid::{CellIndex, Grid, TILE_SIDE, Tile};
-use crate::oriented::{DIRECTIONS, FacedCell, Oriented, STATES};
+use crate::oriented::{DIRECTIONS, FacedCell, Oriented, STATES, left_by_looks};
 use crate::pose::Pose2;
 use crate::shares::{CUT, LEAST, MOST, SLACK, Shares};
 
@@ -41,6 +41,8 @@ pub struct OrientedCone {
     pub prior_log_odds: f64,
     /// What is left of a gain, in [0, 1].
     pub weight: f64,
+    /// n of [`crate::oriented::left_by_looks`], 0 or more; infinite: looks may take all of a wall.
+    pub looks: f64,
     /// Whether there are gaps between the beam and its neighbours: as of [`crate::sensor_model::Cone::leaves_gaps`].
     pub leaves_gaps: bool,
     /// By what the states are rounded: another one for each reading, evenly spread.
@@ -86,6 +88,7 @@ impl OrientedCone {
             && probability(lost)
             && self.prior_log_odds.abs() <= 100.0
             && (0.0..=1.0).contains(&self.weight)
+            && self.looks >= 0.0
     }
 }
 
@@ -235,12 +238,14 @@ impl OrientedKernel {
             .iter()
             .map(|(distance_m, log_weights, responses)| FacedCell { distance_m: *distance_m, log_weights, responses })
             .collect();
-        for ((cell, _, weights, _), gains) in seen.iter().zip(cone.reading.gains(&faced)) {
+        for ((cell, _, weights, responses), gains) in seen.iter().zip(cone.reading.gains(&faced)) {
             let offset = cell.offset_in_tile();
             let tile = place.tile(cell.tile());
             let values = core::array::from_fn(|s| {
-                let value = libm::exp(weights[s] + cone.weight * gains[s]) / self.states.prior(s);
-                (value as f32).clamp(self.states.least, self.states.most)
+                let before = libm::exp(weights[s]) / self.states.prior(s);
+                let value = before * libm::exp(cone.weight * gains[s]);
+                let left = if s == 0 { 0.0 } else { left_by_looks(responses[s], cone.looks) };
+                (value.max(before.min(left)) as f32).clamp(self.states.least, self.states.most)
             });
             let shares = tile.shares.get_or_insert_default();
             shares.set(offset, &values, cone.draw);
@@ -322,6 +327,8 @@ struct Wides<'a, L> {
     nobodys: L,
     /// None: 1.
     weight: Option<L>,
+    /// None: infinitely many.
+    looks: Option<L>,
     draw: u32,
 }
 
@@ -342,6 +349,7 @@ impl<'a, L: Lanes> Wides<'a, L> {
             prior_log_odds: L::splat(cone.prior_log_odds as f32),
             nobodys: L::splat(cone.nobodys() as f32),
             weight: (cone.weight < 1.0).then(|| L::splat(cone.weight as f32)),
+            looks: cone.looks.is_finite().then(|| L::splat(cone.looks as f32)),
             draw: cone.draw & crate::shares::CUT,
         }
     }
@@ -400,7 +408,12 @@ impl<'a, L: Lanes> Wides<'a, L> {
         }
         values[0] = values[0].mul(self.gain(self.response.mul(x)));
         for (wall, responses) in self.facing_walls.iter().zip(responses) {
-            values[wall.state] = values[wall.state].mul(self.gain(L::load(&responses[at..]).mul(x)));
+            let (value, r) = (values[wall.state], L::load(&responses[at..]));
+            let gained = value.mul(self.gain(r.mul(x)));
+            values[wall.state] = match self.looks {
+                None => gained,
+                Some(looks) => gained.at_least(value.at_most(left_by(looks.mul(r)))),
+            };
         }
         if is_moved {
             for value in values.iter_mut() {
@@ -434,6 +447,12 @@ impl<'a, L: Lanes> Wides<'a, L> {
     fn log_odds(&self, values: &[L; STATES]) -> L {
         ln(self.sum(values)).add(self.start).at_least(self.min).at_most(self.max)
     }
+}
+
+/// What looks leave of a wall, of n r: as [`left_by_looks`], or a number below 0.
+#[inline(always)]
+fn left_by<L: Lanes>(answers: L) -> L {
+    answers.neg_mul_add(answers, L::splat(1.0))
 }
 
 /// The states of cells of a tile from `offset` on.
@@ -648,6 +667,7 @@ mod tests {
                     aperture_rad,
                     prior_log_odds: -4.6,
                     weight: if k % 2 == 0 { 1.0 } else { 0.9 },
+                    looks: if k % 4 < 2 { f64::INFINITY } else { 10.0 },
                     leaves_gaps: k % 3 == 0,
                     draw: 977 * k,
                 };

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `mapper` | what is small: filters, tiles that changed, how many of each part there are |
 //! | `novelty` | by transducer |
+//! | `heard/x/y` | how often something was heard: a square of places |
 //! | `map/x/y`, `sonar/n/x/y` | a tile with its planes |
 //! | `kept/n` | kept readings, the n-th 1024 |
 //! | `remap/layer/n` | what a fix may change: what came to a layer between two saves |
@@ -17,6 +18,7 @@ use super::recorders::Recorders;
 use crate::config::{ConfigError, MapperConfig, Noise};
 use crate::filter::Memory;
 use crate::grid::{Grid, TileIndex};
+use crate::heard::{Heard, HeardState};
 use crate::kept::{KeptReadings, KeptState};
 use crate::parts::{Parts, Saved, SavedError};
 use crate::remap::{Journal, JournalState};
@@ -24,10 +26,11 @@ use crate::robot::Robot;
 use crate::sonar_maps::SonarState;
 
 /// Changes when the layout of any part does.
-const LAYOUT: u32 = 3;
+const LAYOUT: u32 = 4;
 
 const STATE: &str = "mapper";
 const NOVELTY: &str = "novelty";
+const HEARD: &str = "heard/";
 const MAP: &str = "map/";
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -42,6 +45,7 @@ struct State {
     kept: Option<KeptState>,
     /// Where the robot cleared its footprint last.
     cleared_at: Option<[f64; 2]>,
+    heard: HeardState,
 }
 
 /// A mapper that can't be restored.
@@ -74,6 +78,7 @@ impl GridMapper {
             sonars: sonar_maps.as_mut().map(|maps| maps.save(parts)),
             kept: kept.as_mut().map(|kept| kept.save(parts)),
             cleared_at: self.driven.last,
+            heard: self.fuser.heard.save(parts, HEARD),
         };
         parts.put_value(NOVELTY, &self.fuser.novelty);
         parts.put_value(STATE, &state);
@@ -91,7 +96,8 @@ impl GridMapper {
         saved: &Saved,
     ) -> Result<Self, RestoreError> {
         let mut mapper = Self::new(config, noise, seed, robot)?;
-        let State { settings, filters, tiles, changed, journal, sonars, kept, cleared_at } = saved.value(STATE)?;
+        let State { settings, filters, tiles, changed, journal, sonars, kept, cleared_at, heard } =
+            saved.value(STATE)?;
         let Recorders { journal: own_journal, kept: own_kept, sonar_maps, doubt: _ } = &mut mapper.recorders;
         let asked = (own_journal.is_some(), sonar_maps.is_some(), own_kept.is_some());
         if settings != mapper.settings || asked != (journal.is_some(), sonars.is_some(), kept.is_some()) {
@@ -101,6 +107,7 @@ impl GridMapper {
         mapper.chain.remember(filters);
         mapper.driven.last = cleared_at;
         mapper.fuser.novelty = saved.value(NOVELTY)?;
+        mapper.fuser.heard = Heard::restore(saved, HEARD, &heard)?;
         mapper.grid = Grid::restore(config.resolution_m, saved, MAP, tiles)?;
         if let Some(journal) = journal {
             let readings_max = config.remap_readings_max as usize;

@@ -1,5 +1,6 @@
 //! What range sensors are, what they say, and what one reading says about one cell.
 
+pub(crate) mod heard;
 pub mod noise;
 pub mod novelty;
 pub mod reading;
