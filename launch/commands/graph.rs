@@ -7,11 +7,12 @@ use std::time::{Duration, Instant, SystemTime};
 
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::config::Poses;
+use echogrid_core::localization::Choice;
 use echogrid_core::{GridMapper, Robot, SensorKind};
 use echogrid_formats::localization::{Landmarks, ReferencePath, Sightings};
 use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
-use echogrid_formats::map::{MapFiles, Provenance};
+use echogrid_formats::map::{MapFiles, MapFormat, Provenance};
 use echogrid_formats::probe_file;
 use echogrid_lidar::Lidar;
 use echogrid_localizer::LocalizerService;
@@ -165,7 +166,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // Before what the run could be resumed from is removed.
     check_saved(config, &outcome, &before)?;
     spool.map_or(Ok(()), Spool::remove)?;
-    let of_earlier_runs = if written(config, &before).is_empty() { Vec::new() } else { stale::clear(config)? };
+    let files = written(config, &before);
+    let mut of_earlier_runs = if files.is_empty() { Vec::new() } else { stale::clear(config, &files)? };
+    of_earlier_runs.extend(untold_facing(config, &files));
     if let Some(map) = outcome.map.as_ref().filter(|map| map.cells_known == 0 && !outcome.stopped) {
         let refused = map.verdicts.iter().filter(|(_, count)| *count > 0);
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
@@ -231,7 +234,13 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
     }
     let provenance = provenance(config, survey)?;
     // What `auto` comes to, the processes can't know.
-    let (localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
+    let (mut localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
+    let has_lidars_alone =
+        robot.is_some_and(|robot| robot.sensors.iter().all(|sensor| sensor.kind == SensorKind::Lidar));
+    if config.localizer.source == Source::Map && config.localization.hold == Choice::Auto && has_lidars_alone {
+        // Beams so long are never trusted much: to wait for better would be to wait for ever.
+        localization.hold = false.into();
+    }
     let mut table = Config { localization, odometry, ..config.clone() }.to_table()?;
     table.insert("provenance".into(), toml::Value::try_from(&provenance)?);
     table.insert(Plan::SETTINGS.into(), config.run_settings()?.into());
@@ -372,6 +381,17 @@ fn written(config: &Config, before: &Files) -> Vec<PathBuf> {
     let now = Files::of(config);
     let is_new = |path: &PathBuf| now.0.get(path).is_some_and(|file| before.0.get(path) != Some(file));
     file_names(config).into_iter().map(|name| config.run.out.join(name)).filter(is_new).collect()
+}
+
+/// What is said where it was asked which way walls face, and nobody knows.
+fn untold_facing(config: &Config, files: &[PathBuf]) -> Option<String> {
+    let is_told =
+        files.iter().any(|file| file.file_name().is_some_and(|name| name.to_string_lossy().starts_with("facing.")));
+    let draws = config.publisher.formats.iter().any(|format| matches!(format, MapFormat::Png | MapFormat::Npy));
+    (config.mapper.facing && draws && !files.is_empty() && !is_told).then(|| {
+        "mapper.facing: nothing is known of which way walls face: sonars tell it, by mapper.fusion = \"oriented\""
+            .to_owned()
+    })
 }
 
 /// What the publishers say that their files lack of the map.

@@ -83,11 +83,32 @@ impl<P: Process> Supervision<P> {
         if sensor_runs || self.now.saturating_duration_since(ending.asked) < LEAVE_WITHIN {
             return;
         }
-        // Who only gives on what comes to it is through with it soon; those that make something of it may be slow.
-        let is_slow = |unit: &&mut Unit<P>| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
-        let Some(next) = self.units.iter_mut().filter(is_slow).map(|unit| unit.place.rank).min() else { return };
-        let here = self.units.iter_mut().filter(|unit| unit.is_here() && unit.place.rank == next);
+        // Who only gives on what comes to it is through with it soon; those that make something of it may be slow. Whoever answers those
+        // upstream goes on doing so until they have left: they would wait for it in vain.
+        let slow = |unit: &&Unit<P>| unit.is_here() && unit.place.is_told && unit.place.rank >= SLOW_FROM;
+        let (answering, others): (Vec<_>, Vec<_>) =
+            self.units.iter().filter(slow).partition(|unit| !self.asks(unit).is_empty());
+        let next: Vec<String> = match others.iter().map(|unit| unit.place.rank).min() {
+            Some(rank) => {
+                others.into_iter().filter(|unit| unit.place.rank == rank).map(|unit| unit.name.clone()).collect()
+            }
+            None => {
+                let asking = answering.iter().flat_map(|unit| self.asks(unit)).filter(|unit| unit.is_here());
+                let asking: Vec<String> = asking.map(|unit| unit.name.clone()).collect();
+                if asking.is_empty() { answering.into_iter().map(|unit| unit.name.clone()).collect() } else { asking }
+            }
+        };
+        let here = self.units.iter_mut().filter(|unit| unit.is_here() && next.contains(&unit.name));
         here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Life::ask_once);
+    }
+
+    /// Those upstream of a service that read what it writes: they ask, and it answers.
+    fn asks(&self, of: &Unit<P>) -> Vec<&Unit<P>> {
+        let written =
+            self.writers.iter().filter(|(topic, names)| *topic != Topic::Health.name() && names.contains(&of.name));
+        let readers = written.filter_map(|(topic, _)| self.settings.consumers.get(topic)).flatten();
+        let upstream = |unit: &&Unit<P>| !unit.is_source() && unit.place.rank < of.place.rank;
+        readers.filter_map(|name| self.units.iter().find(|unit| unit.name == *name)).filter(upstream).collect()
     }
 
     /// Those that no stream tells of its end are asked to end when all the others have: one after the other, as what one of

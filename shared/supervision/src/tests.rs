@@ -43,6 +43,11 @@ impl Process for Played {
 
 /// A sensor, an odometry, a mapper and a publisher, in this order, as processes 0 to 3.
 fn graph(config: SupervisionConfig) -> (Supervision<Played>, System) {
+    graph_with(config, &[])
+}
+
+/// With a localizer that the odometry asks, if `more` names it: as process 3, before the publisher.
+fn graph_with(config: SupervisionConfig, more: &[&str]) -> (Supervision<Played>, System) {
     let role = |reads: &[&str], writes: &[&str], source| {
         let names = |topics: &[&str]| topics.iter().map(|topic| (*topic).to_owned()).collect();
         let wiring = Wiring { reads: names(reads), looks_on: Vec::new(), writes: names(writes), source };
@@ -50,24 +55,29 @@ fn graph(config: SupervisionConfig) -> (Supervision<Played>, System) {
     };
     let services = [
         ("sensor", role(&[], &["odometry/raw"], true)),
-        ("odometry", role(&["odometry/raw"], &["odometry/estimate"], false)),
+        (
+            "odometry",
+            role(&["odometry/raw", "localization/fix"], &["odometry/estimate", "localization/request"], false),
+        ),
         ("mapper", role(&["odometry/estimate"], &["map/tiles"], false)),
         ("publisher", role(&["map/tiles"], &[], false)),
+        ("localizer", role(&["localization/request"], &["localization/fix"], false)),
     ];
-    let services = services.map(|(name, role)| (name.to_owned(), role));
+    let is_there = |(name, _): &(&str, Role)| *name != "localizer" || more.contains(name);
+    let services: Vec<_> = services.into_iter().filter(is_there).map(|(name, role)| (name.to_owned(), role)).collect();
     let settings = Settings {
         config,
         alive_within: Duration::from_secs(30),
         ready_within: Duration::from_secs(30),
         is_resumable: true,
-        consumers: consumers(&BTreeMap::from(services.clone())),
+        consumers: consumers(&services.iter().cloned().collect::<BTreeMap<_, _>>()),
     };
     let mut graph = Supervision::new(&services, settings, Instant::now());
     let system = System::default();
     for index in graph.due() {
         graph.started(index, Played { number: index as u32, system: system.clone() });
     }
-    (0..4).for_each(|index| say(&mut graph, index, ServiceState::Running));
+    (0..services.len()).for_each(|index| say(&mut graph, index, ServiceState::Running));
     assert!(graph.has_become_ready());
     (graph, system)
 }
@@ -147,4 +157,24 @@ fn a_run_that_the_user_ends_is_done_when_all_have_left() {
     }
     assert!(graph.is_over() && graph.failures.is_empty() && graph.killed.is_empty());
     assert_eq!(graph.gone().collect::<Vec<_>>(), ["sensor", "odometry", "mapper", "publisher"]);
+}
+
+/// The odometry waits for answers: a localizer that left before it would leave it waiting.
+#[test]
+fn who_answers_is_asked_to_leave_after_those_who_ask() {
+    let (mut graph, system) = graph_with(SupervisionConfig::default(), &["localizer"]);
+    graph.stop();
+    say(&mut graph, 0, ServiceState::Draining);
+    let later = graph.now() + LEAVE_WITHIN;
+    graph.is_now(later);
+    let asked = |index: u32| system.borrow().get(&index).map_or(0, |(_, asked)| *asked);
+    for (leaves, spared) in [(2, vec![1, 3]), (4, vec![1, 3]), (1, vec![3]), (3, vec![])] {
+        // Somebody got on: nobody is pressed.
+        let health = graph.units[0].name.clone();
+        graph.hear(Health { progress: 10 + u64::from(leaves), ..Health::new(health, 0, ServiceState::Draining) });
+        graph.hurry();
+        assert!(asked(leaves) > 0 && spared.iter().all(|index| asked(*index) == 0), "{leaves}");
+        say(&mut graph, leaves as usize, ServiceState::Draining);
+        ends(&mut graph, &system, leaves as usize, End::Code(0));
+    }
 }

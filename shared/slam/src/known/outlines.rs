@@ -37,7 +37,7 @@ const ON_WALL_M: f64 = 0.15;
 /// Nearer than this is the same place, metres.
 const ELSEWHERE_M: f64 = 0.8;
 /// No pose is told more exactly than this: cells are so large. Metres and radians, one standard deviation.
-const FLOOR: (f64, f64) = (0.02, 0.018);
+const FLOOR: (f64, f64) = (0.02, 0.008);
 /// Nor is anything told of a direction in which it would be less exact than this.
 const OPEN: (f64, f64) = (2.0, 0.5);
 
