@@ -167,7 +167,7 @@ impl Summary {
         };
         Self {
             source,
-            stopped: outcome.stopped && !outcome.is_whole(),
+            stopped: outcome.stopped,
             scans: map.scans,
             // The end of the stream has a number too.
             odometry: acknowledged(echogrid_topics::Topic::OdometryRaw).saturating_sub(1),

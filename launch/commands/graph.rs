@@ -191,6 +191,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // Simulated time begins at 0.
     let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
+    // Stopped when all of it was in the map, it was not stopped before its end.
+    let is_whole = |survey: &LogSurvey| (summary.scans, summary.odometry) == (survey.scan_count, survey.odometry_count);
+    summary.stopped &= !survey.as_ref().is_some_and(is_whole);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.log_faults.extend(of_its_run(loaded.run_settings()));
     summary.log_faults.extend(survey.as_ref().and_then(|survey| suggestion(survey, config.odometry.poses)));

@@ -86,13 +86,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Whether all that the sensor knew it would say was said and taken in, where it knew.
-    #[must_use]
-    pub fn is_whole(&self) -> bool {
-        let says_all = |health: &&Health| health.total > 0 && health.progress >= health.total;
-        self.failures.is_empty() && self.health.values().find(says_all).is_some()
-    }
-
     /// The error that the run ended with, if it did.
     ///
     /// # Errors
