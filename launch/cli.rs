@@ -25,7 +25,7 @@ use values::{angle, deviation, listen, png, range_unit, reach, seconds};
 use crate::commands::align::Align;
 
 const DEMO_FIX_HELP: &str = "Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (the \
-     simulator);\nor a file: a map to find the robot in (.echogrid), surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: truth]";
+     simulator);\nor a file: a map to find the robot in (.echogrid), surveyed landmarks (.toml), or a reference path with lines\n`t x y theta` [default: truth]";
 
 /// Maps that show how far they can be trusted, from cheap range sensors and drifting odometry.
 #[derive(Debug, Parser)]

@@ -199,6 +199,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     summary.log_faults.extend(survey.as_ref().and_then(|survey| suggestion(survey, config.odometry.poses)));
     summary.log_faults.extend(little);
     summary.log_faults.extend(recognised::remark(&config.localizer, outcome.map.as_ref()));
+    summary.log_faults.extend(recognised::notes(config, &outcome));
     summary.log_faults.extend(of_earlier_runs);
     if config.does_slam() {
         summary.slam = Some(super::closures::read(&config.run.out)?);

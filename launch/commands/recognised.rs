@@ -6,6 +6,9 @@ use anyhow::{Result, ensure};
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_topics::MapInfo;
 
+use crate::config::{Config, ServiceKind};
+use crate::supervisor::Outcome;
+
 /// Why nothing is known of where the drive begins.
 pub(super) fn nobody_could_tell(localizer: &LocalizerConfig) -> String {
     let LocalizerConfig { source, map, map_window_m, .. } = localizer;
@@ -27,6 +30,13 @@ pub(super) fn remark(localizer: &LocalizerConfig, map: Option<&MapInfo>) -> Opti
         let file = localizer.map.display();
         format!("{file}: the robot was not recognised in it once, and is mapped where its odometry says; is it of this place?")
     })
+}
+
+/// What localizers say of what they could not tell, for the summary.
+pub(super) fn notes(config: &Config, outcome: &Outcome) -> Vec<String> {
+    let localizers = config.services.iter().filter(|(_, service)| service.kind == ServiceKind::Localizer);
+    let notes = localizers.filter_map(|(name, _)| Some((name, outcome.health.get(name)?.note.as_str())));
+    notes.filter(|(_, note)| !note.is_empty()).map(|(name, note)| format!("{name}: {note}")).collect()
 }
 
 /// Refuses a map to localize in that this run would replace.

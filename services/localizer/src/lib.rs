@@ -130,6 +130,20 @@ impl Service for LocalizerService {
         Ok(())
     }
 
+    fn note(&self) -> String {
+        let unanswered = match self.state.unanswered {
+            0 => String::new(),
+            1 => "once where the robot was could not be told".to_owned(),
+            times => format!("{times} times where the robot was could not be told"),
+        };
+        let oddity = match &self.source {
+            Source::Map(map) => map.oddity(&self.state.drive),
+            _ => "",
+        };
+        let said: Vec<&str> = [oddity, &unanswered].into_iter().filter(|said| !said.is_empty()).collect();
+        said.join("; ")
+    }
+
     fn ended(&mut self, topic: Topic, out: &mut Outbox) {
         match topic {
             Topic::RangeScan => self.state.drive.scans_ended(),

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use echogrid_core::config::MapperConfig;
 use echogrid_core::localization::Reason;
-use echogrid_core::{Estimate, Fix, Matrix3, Pose2, Scales, SensorKind};
+use echogrid_core::{Estimate, Fix, Matrix3, Pose2, Robot, Scales, SensorKind};
 use echogrid_formats::map::{MapDocument, native};
 use echogrid_slam::SlamConfig;
 use echogrid_slam::known::{EchoMap, Gates, Ground, Located, MapModel, OutlineMap, Prior, Unlocated};
@@ -40,6 +40,8 @@ pub(crate) struct SavedMap {
     outlines: Option<OutlineMap>,
     window_m: f64,
     gates: Gates,
+    /// Whether it was made by sonars alone.
+    is_of_sonars: bool,
     /// What came of looking everywhere: at which step of the way, with which scales.
     looked: Option<(i64, Scales, Result<Located, Unlocated>)>,
 }
@@ -49,15 +51,38 @@ pub(crate) struct SavedMap {
 struct Made {
     #[serde(default)]
     mapper: MapperConfig,
+    #[serde(default)]
+    robot: Robot,
 }
 
 impl SavedMap {
     pub(crate) fn read(config: &LocalizerConfig) -> Result<Self> {
         let file = &config.map;
         let map = native::read(file).context("localizer.map")?;
-        let ground = ground(&map).with_context(|| format!("localizer.map: {}", file.display()))?;
+        let made: Made = toml::from_str(&map.provenance.config_toml).unwrap_or_default();
+        let ground = ground(&map, &made).with_context(|| format!("localizer.map: {}", file.display()))?;
+        let sensors = &made.robot.sensors;
+        let is_of_sonars = !sensors.is_empty() && sensors.iter().all(|sensor| sensor.kind == SensorKind::Sonar);
         let gates = Gates { evidence_min: config.map_evidence_nat, margin_min: config.map_margin_nat };
-        Ok(Self { ground, echoes: None, outlines: None, window_m: config.map_window_m, gates, looked: None })
+        Ok(Self {
+            ground,
+            echoes: None,
+            outlines: None,
+            window_m: config.map_window_m,
+            gates,
+            is_of_sonars,
+            looked: None,
+        })
+    }
+
+    /// What is odd about looking for this robot in this map, in words; empty: nothing.
+    pub(crate) fn oddity(&self, drive: &Drive) -> &'static str {
+        let sees_finer = self.is_of_sonars && drive.has_lidar() == Some(true);
+        if sees_finer {
+            "the map is of sonars, too coarse for a lidar: where it is found in it may be a metre off"
+        } else {
+            ""
+        }
     }
 
     /// Where the robot was at a stamp, as far as all has come until then.
@@ -146,8 +171,7 @@ fn widened(estimate: &Estimate) -> [[f64; 3]; 3] {
 }
 
 /// The map as it can be localized in.
-fn ground(map: &MapDocument) -> Result<Ground> {
-    let made: Made = toml::from_str(&map.provenance.config_toml).unwrap_or_default();
+fn ground(map: &MapDocument, made: &Made) -> Result<Ground> {
     let prior = match made.mapper.fusion.of(SensorKind::Sonar) {
         echogrid_core::config::Fusion::Oriented => made.mapper.oriented_prior,
         echogrid_core::config::Fusion::FirstEcho => made.mapper.echo_prior,

@@ -64,7 +64,7 @@ impl Columns {
         }
         let [stamp, x, y, theta] = names.needed()?;
         let ns = if stamp.1 == 1.0 && !names.0[stamp.0].ends_with("_ns") { 1e9 } else { stamp.1 };
-        let (beams, sonars) = (names.beams(), names.sonars());
+        let (beams, sonars) = (names.beams()?, names.sonars()?);
         if beams.is_empty() && sonars.is_empty() {
             return Err(Some(format!(
                 "no column holds ranges: r0, r1 … of a lidar, or sonar_90 of a sonar that looks to 90° (_m, _cm, _mm); there are {}",
@@ -193,41 +193,50 @@ impl Names {
                 [] => {
                     return Err(is_table.then(|| format!("no column is named {expected}; there are {}", self.listed())));
                 }
-                [first, second, ..] => {
-                    let (first, second) = (first.0 + 1, second.0 + 1);
-                    return Err(
-                        is_table.then(|| format!("columns {first} and {second} are both {}: which counts?", wanted[0]))
-                    );
-                }
+                [first, second, ..] => return Err(is_table.then(|| twice(first.0, second.0, wanted[0]))),
             };
         }
         Ok(one)
     }
 
     /// Columns and units of the beams, in the order of their numbers; none where the table lacks one.
-    fn beams(&self) -> Vec<Option<(usize, f64)>> {
+    ///
+    /// # Errors
+    /// A beam is there twice.
+    fn beams(&self) -> Result<Vec<Option<(usize, f64)>>, String> {
         let mut beams: BTreeMap<u16, (usize, f64)> = BTreeMap::new();
         for (at, name) in self.0.iter().enumerate() {
             let (name, unit) = with_unit(name, &LENGTHS);
             let number = name.strip_prefix('r').and_then(|number| number.parse::<u16>().ok());
-            if let Some(number) = number.filter(|number| *number <= BEAMS_MAX) {
-                beams.entry(number).or_insert((at, unit));
+            if let Some(number) = number.filter(|number| *number <= BEAMS_MAX)
+                && let Some((first, _)) = beams.insert(number, (at, unit))
+            {
+                return Err(twice(first, at, &format!("r{number}")));
             }
         }
         // Some count from 1.
         let first = u16::from(!beams.contains_key(&0));
         let last = beams.keys().next_back().copied();
-        last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect())
+        Ok(last.map_or_else(Vec::new, |last| (first..=last).map(|number| beams.get(&number).copied()).collect()))
     }
 
     /// Columns and units of the sonars, and where they look.
-    fn sonars(&self) -> Vec<(usize, f64, Pose2)> {
-        let sonar = |(at, name): (usize, &String)| {
+    ///
+    /// # Errors
+    /// Two look to the same bearing.
+    fn sonars(&self) -> Result<Vec<(usize, f64, Pose2)>, String> {
+        let mut sonars: Vec<(usize, f64, Pose2)> = Vec::new();
+        for (at, name) in self.0.iter().enumerate() {
             let (name, unit) = with_unit(name, &LENGTHS);
-            let bearing: f64 = name.strip_prefix("sonar_")?.parse().ok()?;
-            (bearing.abs() <= 360.0).then(|| (at, unit, Pose2::new(0.0, 0.0, bearing.to_radians())))
-        };
-        self.0.iter().enumerate().filter_map(sonar).collect()
+            let bearing = name.strip_prefix("sonar_").and_then(|bearing| bearing.parse::<f64>().ok());
+            let Some(bearing) = bearing.filter(|bearing| bearing.abs() <= 360.0) else { continue };
+            let mount = Pose2::new(0.0, 0.0, bearing.to_radians());
+            if let Some((first, ..)) = sonars.iter().find(|(.., other)| *other == mount) {
+                return Err(twice(*first, at, name));
+            }
+            sonars.push((at, unit, mount));
+        }
+        Ok(sonars)
     }
 
     /// For people.
@@ -236,6 +245,11 @@ impl Names {
         let more = if self.0.len() > shown.len() { " …" } else { "" };
         format!("{}{more}", shown.join(", "))
     }
+}
+
+/// What is said of two columns of one meaning.
+fn twice(first: usize, second: usize, name: &str) -> String {
+    format!("columns {} and {} are both {name}: which counts?", first + 1, second + 1)
 }
 
 /// The end of a name that says a unit, and what one of it is.
@@ -326,6 +340,8 @@ mod tests {
             ("t,x,y\n", Some("no column is named theta, yaw or heading")),
             ("x,y,theta,r0\n", Some("no column is named t, time, stamp")),
             ("t,x,x,y,theta,r0\n", Some("columns 2 and 3 are both x")),
+            ("t,x,y,theta,r0,r1,r1\n", Some("columns 6 and 7 are both r1")),
+            ("t,x,y,theta,sonar_90,sonar_90\n", Some("columns 5 and 6 are both sonar_90")),
             ("t,x,y,theta,sonar_front\n", Some("there are t, x, y, theta, sonar_front")),
         ] {
             let wrong = Columns::of(text.lines()).unwrap_err();
