@@ -5,11 +5,12 @@
 //! metres stands below. Its end is a round number that 98 % of the cells stay within: what is beyond has the last colour. Unknown is
 //! the bluish grey of `map.png`. North is up.
 
-use echogrid_core::{CellIndex, Grid, Raster};
+use echogrid_core::Grid;
 
+use super::MapError;
+use super::layer::{BAR_PX, MARGIN_PX, TICK_PX, WIDTH_MIN_PX, cells_of, paint};
 use super::occupancy::raster_of;
 use super::picture::UNKNOWN;
-use super::{MapError, npy};
 use crate::canvas::{Canvas, INK, LETTER_PX};
 
 /// The picture's name.
@@ -24,26 +25,7 @@ const COLOURS: [[u8; 3]; 6] =
 const WITHIN: f64 = 0.98;
 /// The least end of a scale, metres.
 const END_MIN_M: f64 = 0.001;
-/// The long side of a small map, pixels.
-const LONG_SIDE_PX: usize = 800;
-/// A cell is at most a square of so many pixels on a side.
-const SCALE_MAX: usize = 32;
-const MARGIN_PX: usize = 10;
-const BAR_PX: usize = 14;
-const TICK_PX: usize = 4;
-/// The least width: the scale and its words have room.
-const WIDTH_MIN_PX: usize = 440;
 const WORDS: &str = "odometry error of the evidence, metres";
-
-/// Metres of each cell in the rectangle of the known cells of `map`, as an NPY file's bytes.
-///
-/// # Errors
-/// The known cells lie too far apart for a rectangle.
-pub fn encode_array(doubt: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
-    let raster = raster_of(map)?;
-    let metres: Vec<f32> = cells_of(&raster, doubt).collect();
-    Ok(npy::encode_array(raster.width, raster.height, &metres))
-}
 
 /// The picture of the rectangle of the known cells of `map` as a PNG file's bytes. The same doubt gives the same bytes.
 ///
@@ -57,37 +39,6 @@ pub fn encode_picture(doubt: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
     let (mut canvas, top) = paint(&raster, &metres.iter().map(of).collect::<Vec<_>>());
     draw_scale(&mut canvas, top, end_m, is_cut);
     canvas.encode().map_err(|error| MapError::Image { path: PICTURE.into(), what: error.to_string() })
-}
-
-/// The cells of a raster in these colours, with room for a scale from the row on that is told.
-pub(super) fn paint(raster: &Raster, colours: &[[u8; 3]]) -> (Canvas, usize) {
-    let side = LONG_SIDE_PX.div_ceil(raster.width.max(raster.height).max(1)).clamp(1, SCALE_MAX);
-    let (width, height) = (raster.width * side, raster.height * side);
-    let mut canvas = Canvas::new(width.max(WIDTH_MIN_PX), height + MARGIN_PX + below());
-    for (row, cells) in colours.chunks(raster.width.max(1)).enumerate() {
-        let top = height.saturating_sub((row + 1) * side);
-        for (column, colour) in cells.iter().enumerate() {
-            for (x, y) in (0..side).flat_map(|x| (0..side).map(move |y| (x, y))) {
-                canvas.set(column * side + x, top + y, *colour);
-            }
-        }
-    }
-    (canvas, height + MARGIN_PX)
-}
-
-/// Rows that a scale and its words take.
-pub(super) fn below() -> usize {
-    BAR_PX + TICK_PX + 2 * LETTER_PX + 2 * MARGIN_PX
-}
-
-/// What a grid holds of each cell of a raster, row by row.
-pub(super) fn cells_of<'a>(raster: &'a Raster, grid: &'a Grid) -> impl Iterator<Item = f32> + 'a {
-    let CellIndex { i, j } = raster.lower_left;
-    let rows = (0..raster.height).flat_map(|row| (0..raster.width).map(move |column| (column, row)));
-    rows.map(move |(column, row)| {
-        let cell = CellIndex { i: i.saturating_add(column as i32), j: j.saturating_add(row as i32) };
-        grid.log_odds(cell).unwrap_or(f32::NAN)
-    })
 }
 
 /// The end of the scale, metres, and whether some cells are beyond it.
@@ -151,16 +102,9 @@ fn draw_scale(canvas: &mut Canvas, top: usize, end_m: f64, is_cut: bool) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::layer::encode_array;
+    use super::super::layer::testing::grid;
     use super::*;
-
-    fn grid(cells: &[(i32, i32, f32)]) -> Grid {
-        let mut grid = Grid::new(0.5);
-        for (i, j, value) in cells {
-            let cell = CellIndex { i: *i, j: *j };
-            grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = *value;
-        }
-        grid
-    }
 
     #[test]
     fn the_ends_of_scales_are_round() {

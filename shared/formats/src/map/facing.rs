@@ -9,10 +9,10 @@ use core::f64::consts::PI;
 
 use echogrid_core::Grid;
 
-use super::doubt::{below, cells_of, paint};
+use super::MapError;
+use super::layer::{BAR_PX, MARGIN_PX, below, cells_of, paint};
 use super::occupancy::raster_of;
 use super::picture::{UNKNOWN, level};
-use super::{MapError, npy};
 use crate::canvas::{Canvas, INK, LETTER_PX};
 
 /// The picture's name.
@@ -20,20 +20,8 @@ pub const PICTURE: &str = "facing.png";
 /// The array's name.
 pub const ARRAY: &str = "facing.npy";
 
-const BAR_PX: usize = 14;
 const BAR_WIDTH_PX: usize = 376;
-const MARGIN_PX: usize = 10;
 const WORDS: &str = "direction of the wall's normal, degrees";
-
-/// Radians of each cell in the rectangle of the known cells of `map`, as an NPY file's bytes.
-///
-/// # Errors
-/// The known cells lie too far apart for a rectangle.
-pub fn encode_array(facing: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
-    let raster = raster_of(map)?;
-    let radians: Vec<f32> = cells_of(&raster, facing).collect();
-    Ok(npy::encode_array(raster.width, raster.height, &radians))
-}
 
 /// The picture of the rectangle of the known cells of `map` as a PNG file's bytes. The same map gives the same bytes.
 ///
@@ -85,18 +73,9 @@ fn draw_scale(canvas: &mut Canvas, top: usize) {
 
 #[cfg(test)]
 mod tests {
-    use echogrid_core::CellIndex;
-
+    use super::super::layer::encode_array;
+    use super::super::layer::testing::grid;
     use super::*;
-
-    fn grid(cells: &[(i32, i32, f32)]) -> Grid {
-        let mut grid = Grid::new(0.5);
-        for (i, j, value) in cells {
-            let cell = CellIndex { i: *i, j: *j };
-            grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = *value;
-        }
-        grid
-    }
 
     #[test]
     fn walls_are_coloured_by_direction_where_the_map_has_them() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::map_server::{self, MapMode, Thresholds};
-use super::{Drawable, MapDocument, MapError, OccupancyMap, doubt, facing, native, npy, picture};
+use super::{Drawable, MapDocument, MapError, OccupancyMap, doubt, facing, layer, native, npy, picture};
 use crate::WriteError;
 use crate::whole_file::{write_together, write_whole};
 
@@ -164,10 +164,10 @@ impl MapFiles {
         if npy {
             files.push((folder.join("map.npy"), npy::encode(&map)));
             if let Some(metres) = &document.doubt {
-                files.push((folder.join(doubt::ARRAY), doubt::encode_array(metres, &document.grid)?));
+                files.push((folder.join(doubt::ARRAY), layer::encode_array(metres, &document.grid)?));
             }
             if let Some(radians) = &document.facing {
-                files.push((folder.join(facing::ARRAY), facing::encode_array(radians, &document.grid)?));
+                files.push((folder.join(facing::ARRAY), layer::encode_array(radians, &document.grid)?));
             }
         }
         Ok(files)
