@@ -13,10 +13,13 @@ mod source;
 mod truth;
 
 use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::ExitCode;
 
 use answer::Answer;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use config::LocalizerConfig;
 use drive::Drive;
 use echogrid_core::DrivePose;
@@ -63,6 +66,8 @@ struct State {
     waiting: VecDeque<(u64, LocalizationRequest)>,
     /// Requests that were answered without a fix.
     unanswered: u64,
+    /// What the files of the configuration came to when the run began: another life must not answer by others.
+    files: u32,
 }
 
 impl LocalizerService {
@@ -72,7 +77,9 @@ impl LocalizerService {
     /// A value is out of range, or a file can't be read or makes no sense.
     pub fn new(config: &LocalizerConfig) -> Result<Self> {
         config.validate().context("[localizer]")?;
-        Ok(Self { source: Source::new(config)?, state: State::default() })
+        let source = Source::new(config)?;
+        let files = checksum(config.files().into_iter().map(|(_, file)| file)).context("[localizer]")?;
+        Ok(Self { source, state: State { files, ..State::default() } })
     }
 
     /// From the plan of a run.
@@ -126,7 +133,13 @@ impl Service for LocalizerService {
     }
 
     fn restore(&mut self, saved: &Saved) -> Result<()> {
-        self.state = saved.value(STATE)?;
+        let state: State = saved.value(STATE)?;
+        ensure!(
+            state.files == self.state.files,
+            "the files that say where the robot was (localizer.{}) are others than when the run began; put them back, or begin anew",
+            self.source.key()
+        );
+        self.state = state;
         Ok(())
     }
 
@@ -177,6 +190,24 @@ impl Service for LocalizerService {
         self.answer_waiting(out);
         Ok(())
     }
+}
+
+/// The CRC-32 of what is in some files, one after the other.
+fn checksum<'a>(files: impl Iterator<Item = &'a Path>) -> Result<u32> {
+    let mut sum = crc32fast::Hasher::new();
+    for path in files {
+        let shown = || path.display().to_string();
+        let mut file = BufReader::with_capacity(1 << 20, File::open(path).with_context(shown)?);
+        loop {
+            let read = file.fill_buf().with_context(shown)?.len();
+            if read == 0 {
+                break;
+            }
+            sum.update(file.buffer());
+            file.consume(read);
+        }
+    }
+    Ok(sum.finalize())
 }
 
 /// Runs it as this process.
@@ -292,6 +323,22 @@ mod tests {
         let map = echogrid_formats::map::MapDocument { grid, doubt: None, facing: None, path, provenance };
         echogrid_formats::map::native::write(&file, &map).unwrap();
         file
+    }
+
+    #[test]
+    fn another_life_does_not_answer_by_other_files() {
+        let folder = tempfile::tempdir().unwrap();
+        let reference = folder.path().join("path.txt");
+        std::fs::write(&reference, "1 0 0 0\n2 1 0 0\n").unwrap();
+        let config =
+            LocalizerConfig { source: Source::Reference, reference: reference.clone(), ..LocalizerConfig::default() };
+        let (mut parts, mut saved) = (Parts::default(), Saved::default());
+        service(&config).save(&mut parts);
+        saved.apply(parts.into_changes());
+        service(&config).restore(&saved).unwrap();
+        std::fs::write(&reference, "1 0 0 0\n2 3 0 0\n").unwrap();
+        let error = service(&config).restore(&saved).unwrap_err().to_string();
+        assert!(error.contains("localizer.reference") && error.contains("others than when the run began"), "{error}");
     }
 
     #[test]

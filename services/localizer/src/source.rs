@@ -39,6 +39,16 @@ impl Source {
         })
     }
 
+    /// The key that names its files.
+    pub(crate) fn key(&self) -> &'static str {
+        match self {
+            Self::Nobody | Self::Truth(_) => "source",
+            Self::Reference(_) => "reference",
+            Self::Landmarks(_) => "landmarks",
+            Self::Map(_) => "map",
+        }
+    }
+
     /// Where the robot was at `stamp_ns`. Depends on the request and the stamps alone.
     pub(crate) fn answer(
         &mut self,
