@@ -21,6 +21,13 @@ pub(crate) enum Storage {
 }
 
 impl Storage {
+    fn bytes(&self) -> u64 {
+        match self {
+            Self::File(file) => file.metadata().map_or(0, |metadata| metadata.len()),
+            Self::Memory(bytes) => bytes.len() as u64,
+        }
+    }
+
     fn read(&self, at: u64, buffer: &mut [u8]) -> Option<()> {
         match self {
             Self::File(file) => file.read_exact_at(buffer, at).ok(),
@@ -39,7 +46,8 @@ pub(crate) struct Tables {
     page_bytes: usize,
     /// Of a page, without what is reserved at its end.
     usable: usize,
-    pages: u32,
+    /// Of the file as it is, whatever its head says.
+    pages: u64,
 }
 
 /// A table: the names of its columns, and its first page.
@@ -86,7 +94,7 @@ impl Tables {
             size => usize::from(size),
         };
         let is_one = head.starts_with(MAGIC) && size.is_power_of_two() && size >= 512;
-        let pages = u32::from_be_bytes([head[28], head[29], head[30], head[31]]);
+        let pages = storage.bytes().checked_div(size as u64)?;
         let usable = size.checked_sub(usize::from(head[20])).filter(|usable| *usable >= 480)?;
         is_one.then_some(Self { storage, page_bytes: size, usable, pages })
     }
@@ -119,8 +127,8 @@ impl Tables {
         Some(page)
     }
 
-    /// The record of a row, and its number, that begins at a place of a page.
-    fn row(&self, page: &[u8], at: usize) -> Option<(i64, Vec<u8>)> {
+    /// The record of a row, and its number, that begins at a place of a page; the pages that it goes on in are counted.
+    fn row(&self, page: &[u8], at: usize, read: &mut u64) -> Option<(i64, Vec<u8>)> {
         let mut rest = page.get(at..self.usable)?;
         let (length, number) = (varint(&mut rest)?, varint(&mut rest)? as i64);
         let length = usize::try_from(length).ok().filter(|length| *length as u64 <= RECORD_BYTES_MAX)?;
@@ -135,6 +143,10 @@ impl Tables {
         let mut next = u32::from_be_bytes(rest.get(local..local + 4)?.try_into().ok()?);
         while record.len() < length {
             let page = self.page(next)?;
+            *read += 1;
+            if *read > self.pages {
+                return None;
+            }
             next = u32::from_be_bytes(page.get(..4)?.try_into().ok()?);
             let part = (length - record.len()).min(self.usable - 4);
             record.extend_from_slice(page.get(4..4 + part)?);
@@ -148,7 +160,7 @@ pub(crate) struct Rows {
     /// The pages from the root to where the walk is, and what of each is done.
     path: Vec<(Page, usize)>,
     root: Option<u32>,
-    /// Pages that have been read: more than there are go in a circle.
+    /// Pages that have been read, each of which belongs to one place only: more than there are go in a circle.
     read: u64,
 }
 
@@ -184,7 +196,7 @@ impl Rows {
             let at = page.bytes.get(page.cells_at + 2 * cell..).and_then(|rest| rest.first_chunk());
             let at = at.map_or(0, |at| usize::from(u16::from_be_bytes(*at)));
             if page.is_leaf {
-                return match tables.row(&page.bytes, at) {
+                return match tables.row(&page.bytes, at, &mut self.read) {
                     Some((number, record)) => Step::Row(number, record),
                     None => Step::Damage("a row can't be read".to_owned()),
                 };
@@ -203,13 +215,12 @@ impl Rows {
     }
 
     fn enter(&mut self, tables: &Tables, number: u32) -> Result<(), String> {
+        let bytes = tables.page(number).ok_or_else(|| format!("page {number} is missing"))?;
         self.read += 1;
-        // The header may not be up to date; then a circle ends by its depth.
-        if self.path.len() >= DEPTH_MAX || (tables.pages > 0 && self.read > u64::from(tables.pages)) {
+        if self.path.len() >= DEPTH_MAX || self.read > tables.pages {
             self.path.clear();
             return Err("its pages go in a circle".to_owned());
         }
-        let bytes = tables.page(number).ok_or_else(|| format!("page {number} is missing"))?;
         // The first page begins behind the head of the file.
         let at = if number == 1 { 100 } else { 0 };
         let byte = |at: usize| bytes.get(at).copied().unwrap_or(0);
@@ -218,9 +229,10 @@ impl Rows {
             0x05 => false,
             kind => return Err(format!("page {number} is of kind {kind}, none of a table")),
         };
-        let cells = usize::from(u16::from_be_bytes([byte(at + 3), byte(at + 4)]));
         let last = u32::from_be_bytes([byte(at + 8), byte(at + 9), byte(at + 10), byte(at + 11)]);
         let cells_at = at + if is_leaf { 8 } else { 12 };
+        let room = (tables.usable - cells_at) / 2;
+        let cells = usize::from(u16::from_be_bytes([byte(at + 3), byte(at + 4)])).min(room);
         self.path.push((Page { bytes, is_leaf, cells_at, cells, last }, 0));
         Ok(())
     }
@@ -289,6 +301,66 @@ fn varint(bytes: &mut &[u8]) -> Option<u64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const PAGE: usize = 512;
+
+    /// A file of such pages, the first of which begins behind the head.
+    fn file(pages: &[&[u8]]) -> Tables {
+        let mut bytes = vec![0; PAGE * pages.len()];
+        for (number, content) in pages.iter().enumerate() {
+            let at = PAGE * number + if number == 0 { 100 } else { 0 };
+            bytes[at..at + content.len()].copy_from_slice(content);
+        }
+        bytes[..MAGIC.len()].copy_from_slice(MAGIC);
+        bytes[16..18].copy_from_slice(&(PAGE as u16).to_be_bytes());
+        Tables::new(Storage::Memory(bytes)).unwrap()
+    }
+
+    /// Rows, and what is damaged, of the table at a page.
+    fn walk(tables: &Tables, root: u32) -> (usize, Vec<String>) {
+        let (mut rows, mut count, mut damages) = (Rows::new(root), 0, Vec::new());
+        loop {
+            match rows.next(tables) {
+                Step::Row(..) => count += 1,
+                Step::Damage(what) => damages.push(what),
+                Step::End => return (count, damages),
+            }
+        }
+    }
+
+    #[test]
+    fn pages_that_go_in_a_circle_end() {
+        // Each of its 65,535 children is the page itself.
+        let tables = file(&[&[0x05, 0, 0, 0xff, 0xff, 0, 0, 0, 0, 0, 0, 1], &[]]);
+        let (rows, damages) = walk(&tables, 1);
+        assert_eq!((rows, damages.last().map(String::as_str)), (0, Some("its pages go in a circle")));
+        // Each row goes on in a page that goes on in itself.
+        let mut leaf = vec![0x0d, 0, 0, 0, 200];
+        leaf.resize(PAGE, 0);
+        for cell in 0..200 {
+            leaf[8 + 2 * cell..10 + 2 * cell].copy_from_slice(&410_u16.to_be_bytes());
+        }
+        // 2²⁷ bytes, the number of the row, 29 bytes that stand here, and the page where the rest is
+        leaf[410..415].copy_from_slice(&[0xc0, 0x80, 0x80, 0x00, 1]);
+        let wanted = (PAGE - 12) * 32 / 255 - 23;
+        let local = wanted + ((1 << 27) - wanted) % (PAGE - 4);
+        let local = if local <= PAGE - 35 { local } else { wanted };
+        if let Some(next) = leaf.get_mut(415 + local..419 + local) {
+            next.copy_from_slice(&3_u32.to_be_bytes());
+        }
+        let tables = file(&[&[], &leaf, &3_u32.to_be_bytes()]);
+        let (rows, damages) = walk(&tables, 2);
+        assert_eq!((rows, damages.len()), (0, 200));
+    }
+
+    #[test]
+    fn a_page_that_is_missing_takes_no_other_with_it() {
+        let leaf = [0x0d, 0, 0, 0, 1, 0, 0, 0, 0, 20, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 7, 1, 1];
+        // Children 9, 8 (not there) and 2
+        let root = [0x05, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 2, 0, 120, 0, 124, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, 0, 8];
+        let (rows, damages) = walk(&file(&[&root, &leaf]), 1);
+        assert_eq!((rows, damages), (1, vec!["page 9 is missing".to_owned(), "page 8 is missing".to_owned()]));
+    }
 
     #[test]
     fn numbers_and_records() {
