@@ -12,7 +12,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use calibrate::CALIBRATE_HELP;
-pub use calibrate::Calibrate;
+pub use calibrate::{Calibrate, CalibrateSensor, CalibrateWhat};
 use clap::{Parser, Subcommand, ValueEnum};
 use echogrid_replay::config::LogUnit;
 pub use emulate::{Emulate, Emulated};
@@ -328,7 +328,8 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
-    /// Makes the odometry error model of a robot, of trials or of a drive, and tells how far it can be trusted.
+    /// Makes the odometry error model of a robot, of trials or of a drive, or learns what its sonars are like, and tells how far that can
+    /// be trusted.
     #[command(after_help = CALIBRATE_HELP)]
     Calibrate(Calibrate),
     /// Repeats an experiment: one simulated drive, mapped in several ways; pictures, scores and a table.

@@ -17,16 +17,23 @@ use crate::config::{Builtin, Config, Exec, ServiceKind};
 /// # Errors
 /// The configuration can't be run so, or a service fails.
 pub fn run(config: &Config, publisher: &mut dyn Service) -> Result<()> {
+    run_through(config, &mut MapperService::new(&config.mapper, &config.resolved_odometry())?, publisher)
+}
+
+/// Likewise, through a mapper that can be asked afterwards.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_through(config: &Config, mapper: &mut MapperService, publisher: &mut dyn Service) -> Result<()> {
     let mut sensor = sensor(config)?;
     let localization = config.resolved_localization();
     let drive = config.resolved_odometry();
     let mut odometry = OdometryService::new(&drive, config.mapper.resolution_m, &localization, config.has_localizer())?;
-    let mut mapper = MapperService::new(&config.mapper, &drive)?;
     if config.has_localizer() {
         let mut localizer = LocalizerService::new(&config.localizer)?;
-        local::run(sensor.as_mut(), &mut [&mut odometry, &mut localizer, &mut mapper, publisher])
+        local::run(sensor.as_mut(), &mut [&mut odometry, &mut localizer, mapper, publisher])
     } else {
-        local::run(sensor.as_mut(), &mut [&mut odometry, &mut mapper, publisher])
+        local::run(sensor.as_mut(), &mut [&mut odometry, mapper, publisher])
     }
 }
 

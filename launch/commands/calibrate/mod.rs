@@ -4,6 +4,7 @@ mod drive;
 mod picture;
 mod report;
 mod section;
+mod sensor;
 mod simulate;
 #[cfg(test)]
 mod tests;
@@ -15,12 +16,15 @@ use echogrid_core::calibration::{Bootstrap, RESAMPLES};
 use echogrid_core::config::OdometryConfig;
 use echogrid_formats::probe_file;
 
-use crate::cli::Calibrate;
+use crate::cli::{Calibrate, CalibrateWhat};
 use report::Report;
 use trials::Found;
 
 /// Makes an odometry error model, and tells how far it can be trusted.
 pub(super) fn run(request: &Calibrate) -> Result<()> {
+    if let Some(CalibrateWhat::Sensor(request)) = &request.what {
+        return sensor::run(request);
+    }
     let report = calibrate(request)?;
     super::print_found(&report, request.json)
 }

@@ -116,7 +116,7 @@ fn the_section_is_loaded_whole_and_replaces_nothing_unasked() {
 }
 
 /// A drive in squares, there and back again, recorded as a CARMEN log with its truth.
-fn squares(folder: &Path, config: &SimulatorConfig) -> PathBuf {
+pub(super) fn squares(folder: &Path, config: &SimulatorConfig) -> PathBuf {
     let log = folder.join("squares.log");
     let config =
         SimulatorConfig { record: log.clone(), start: vec![1.4, 1.9, 0.0], world: "room".into(), ..config.clone() };

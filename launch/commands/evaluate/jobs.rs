@@ -6,7 +6,11 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use anyhow::{Result, anyhow};
 
 /// What each job came to, in their order, or the first failure. Who watches a terminal is told how far they are; `what` they are.
-pub(super) fn run<J: Sync, R: Send>(what: &str, jobs: &[J], work: impl Fn(&J) -> Result<R> + Sync) -> Result<Vec<R>> {
+pub(in super::super) fn run<J: Sync, R: Send>(
+    what: &str,
+    jobs: &[J],
+    work: impl Fn(&J) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
     let watched = std::io::stderr().is_terminal();
     let next = AtomicUsize::new(0);
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(jobs.len());

@@ -1,7 +1,7 @@
 //! `echogrid evaluate`: every way of mapping, scored where the truth is known.
 
 mod drive;
-mod jobs;
+pub(super) mod jobs;
 mod learn;
 mod method;
 mod report;

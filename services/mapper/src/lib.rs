@@ -12,6 +12,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use echogrid_core::kept::KeptReadings;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
     Chunks, GridMapper, GridSummary, Incidents, MapperConfig, OdometryConfig, Plane, Reading, Remapped, Robot,
@@ -150,6 +151,12 @@ impl MapperService {
     pub fn saving_readings_in(mut self, folder: PathBuf) -> Self {
         self.readings_file = self.config.keep_readings.then(|| ReadingsFile::new(folder));
         self
+    }
+
+    /// The robot, and the readings that were kept of it; none unless `mapper.keep_readings` is set and there is a robot.
+    #[must_use]
+    pub fn kept_readings(&self) -> Option<(&Robot, &KeptReadings)> {
+        self.robot.as_ref().zip(self.mapper.as_ref().and_then(GridMapper::kept_readings))
     }
 
     /// Makes the mapper for a robot.

@@ -27,7 +27,7 @@ pub use geometry::{angle, pose};
 pub use grid::{log_odds, raster, summary};
 pub use localization::placing;
 pub(crate) use mapping::{doubt, driven, sonar_maps};
-pub use mapping::{kept, remap, why};
+pub use mapping::{foretell, kept, remap, why};
 pub use odometry::{fix, gate, incidents, joint, leap, sideways, smoothing};
 pub(crate) use sensor::heard;
 pub use sensor::{noise, novelty, reading, robot, sensor_model, verdict};

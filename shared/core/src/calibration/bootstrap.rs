@@ -88,7 +88,7 @@ fn intervals(phase: &Phase, resamples: usize, stream: &mut ChaCha8Rng) -> (Share
 }
 
 /// A uniform index below `count`; the bias of 2⁻⁶⁴ per index is nothing.
-fn below(stream: &mut ChaCha8Rng, count: usize) -> usize {
+pub(super) fn below(stream: &mut ChaCha8Rng, count: usize) -> usize {
     ((u128::from(stream.next_u64()) * count as u128) >> 64) as usize
 }
 

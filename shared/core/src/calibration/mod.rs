@@ -16,16 +16,19 @@
 //!
 //! Variances are those of samples (n − 1); Δl and Δθ are the measured ones.
 //!
-//! [`Drive`] cuts trials out of a drive whose truth is known; [`Bootstrap`] tells how far a fit can be trusted.
+//! [`Drive`] cuts trials out of a drive whose truth is known; [`Bootstrap`] tells how far a fit can be trusted. [`Profile`] tells likewise of a
+//! parameter of a sensor.
 
 mod bootstrap;
 mod fit;
 mod phase;
 mod pieces;
+mod profile;
 
 pub use bootstrap::{Bootstrap, RESAMPLES, TRIALS_MIN};
 pub use fit::{Calibration, CalibrationError};
 pub use pieces::{Drive, Limits, separate};
+pub use profile::{Profile, Told};
 
 /// One trial: what the odometry measured, and what really happened.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -38,7 +38,7 @@ pub(crate) struct Sounding<'a> {
 }
 
 impl Sounding<'_> {
-    fn map_from_transducer(&self) -> Pose2 {
+    pub(crate) fn map_from_transducer(&self) -> Pose2 {
         self.estimate.pose * self.channel.transducer.base_from_transducer
     }
 }
@@ -111,7 +111,7 @@ impl Fuser {
             return Err(Verdict::Untrusted);
         }
         let news = news.unwrap_or_else(|| self.news(sounding));
-        let sigma_z0_m = self.sigma_z0_m(sounding);
+        let sigma_z0_m = self.own_deviation_m(sounding);
         let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
         Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt(), cleared_m: 0.0 })
     }
@@ -179,7 +179,7 @@ impl Fuser {
     }
 
     /// σ_z without odometry error, metres.
-    fn sigma_z0_m(&self, sounding: &Sounding<'_>) -> f64 {
+    pub(crate) fn own_deviation_m(&self, sounding: &Sounding<'_>) -> f64 {
         let Transducer { range_max_m, range_error_ratio, .. } = sounding.channel.transducer;
         let range_m = sounding.range_m.unwrap_or(range_max_m);
         (range_error_ratio * range_m).max(0.5 * self.config.resolution_m)
@@ -223,7 +223,7 @@ impl Fuser {
     fn echo_cone(&self, sounding: &Sounding<'_>, deviations: Deviations, news: f64) -> EchoCone {
         let Transducer { aperture_rad, range_max_m: range_cap_m, .. } = sounding.channel.transducer;
         let Deviations { sigma_z_m, sigma_theta_rad, .. } = deviations;
-        let sigma_z0_m = self.sigma_z0_m(sounding);
+        let sigma_z0_m = self.own_deviation_m(sounding);
         EchoCone {
             reading: FirstEcho {
                 range_m: sounding.range_m,
@@ -258,7 +258,7 @@ impl Fuser {
             clear_m: self.config.oriented_clear_m,
             aperture_rad,
             prior_log_odds: log_odds_of(self.config.oriented_prior),
-            weight: news * libm::pow(self.sigma_z0_m(sounding) / sigma_z_m, self.config.oriented_tempering),
+            weight: news * libm::pow(self.own_deviation_m(sounding) / sigma_z_m, self.config.oriented_tempering),
             looks: if self.config.oriented_looks > 0.0 { self.config.oriented_looks } else { f64::INFINITY },
             leaves_gaps: sounding.channel.transducer.leaves_gaps,
             draw: draw(sounding.sequence, sounding.reading.transducer),

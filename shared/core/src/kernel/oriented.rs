@@ -218,6 +218,28 @@ impl OrientedKernel {
         Ok(())
     }
 
+    /// a: how probably a cell answers, whose states have these shares in an answer along the ray to it.
+    pub(crate) fn answers(&self, grid: &Grid, cell: CellIndex, cone: &OrientedCone, shares: &[f64; STATES]) -> f64 {
+        let mut weights: [f64; STATES] = core::array::from_fn(|state| self.states.prior(state));
+        let mut occupied = libm::exp(cone.prior_log_odds);
+        if let Some(tile) = grid.tile(cell.tile())
+            && !tile.log_odds[cell.offset_in_tile()].is_nan()
+        {
+            let offset = cell.offset_in_tile();
+            if let Some(shares) = &tile.shares {
+                weights.iter_mut().zip(shares.of(offset)).for_each(|(weight, value)| *weight *= f64::from(value));
+            }
+            // Somebody else may have moved it since.
+            let States { start, max, .. } = self.states;
+            let [least, most] = [-max - start, max - start].map(|odds| libm::exp(f64::from(odds)));
+            let sum = weights.iter().sum::<f64>().clamp(least, most);
+            occupied *= libm::exp(f64::from(tile.log_odds[offset] - start)) / sum;
+        }
+        let answering: f64 = weights.iter().zip(shares).map(|(weight, share)| weight * share).sum();
+        let sum: f64 = weights.iter().sum();
+        cone.detection * occupied * answering / (1.0 + occupied * sum)
+    }
+
     /// For apertures wider than a sensor's.
     fn add_by_reference(&self, place: &mut Place<'_>, map_from_transducer: Pose2, cone: &OrientedCone, apex: Apex) {
         let far_m = cone.far_m();

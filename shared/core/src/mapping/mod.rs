@@ -2,6 +2,7 @@
 
 pub(crate) mod doubt;
 pub(crate) mod driven;
+pub mod foretell;
 pub mod kept;
 mod recorders;
 pub mod remap;
@@ -305,7 +306,7 @@ mod tests {
 
     #[test]
     fn each_verdict() {
-        let echo = |echo| Reading { transducer: 0, echo, offset_ns: 0 };
+        let echo = |echo| Reading { echo, ..hit(0, 1.0) };
         let off_map = Estimate::certain(Pose2::new(1e12, 0.0, 0.0));
         let nowhere = Estimate::certain(Pose2 { x: f64::NAN, y: 0.0, theta: 0.0 });
         check(|_| {}, hit(0, 2.0), Some(here()), Verdict::Accepted);
@@ -419,11 +420,8 @@ mod tests {
             for sequence in 0..20 {
                 let pose = Pose2::new(0.03 * sequence as f64, 0.0, 0.05 * sequence as f64);
                 for transducer in 0..6 {
-                    mapper.integrate(
-                        sequence,
-                        &hit(transducer, 1.7),
-                        Some(&Estimate { errors, ..Estimate::certain(pose) }),
-                    );
+                    let estimate = Estimate { errors, ..Estimate::certain(pose) };
+                    mapper.integrate(sequence, &hit(transducer, 1.7), Some(&estimate));
                 }
             }
             let mut bytes = Vec::new();
