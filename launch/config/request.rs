@@ -1,6 +1,10 @@
 //! What the user typed.
 
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
+
+use echogrid_formats::map::native;
 
 use super::argument;
 use super::interval::Interval;
@@ -60,14 +64,14 @@ impl LoadRequest {
             None => sensor.clone(),
         });
         let recorded = self.fix.as_deref().and_then(recorded_truth);
-        let fix_file = self.fix.as_deref().filter(|_| recorded.is_none()).and_then(fix_file);
+        let fix_file = self.fix.as_deref().filter(|_| recorded.is_none()).and_then(|text| fix_file(text, base));
         let fix = self.fix.clone().filter(|_| fix_file.is_none() && recorded.is_none());
         let mut found = Findings::default();
-        if let (Some(file), Some((source, key))) = (&self.fix, fix_file) {
+        if let (Some(fix), Some((source, key, file))) = (&self.fix, fix_file) {
             // The word says who, the file from what: both were typed as one.
-            let origin = Source::argument(&format!("--fix {file}"), Some(base));
+            let origin = Source::argument(&format!("--fix {fix}"), Some(base));
             found.add(argument::assign("localizer.source", source, &origin));
-            found.add(argument::assign(key, file, &origin));
+            found.add(argument::assign(key, &file, &origin));
         }
         if let (Some(fix), Some(truth)) = (&self.fix, recorded) {
             let origin = Source::argument(&format!("--fix {fix}"), Some(base));
@@ -141,16 +145,35 @@ fn recorded_truth(text: &str) -> Option<&str> {
     if text == "tf" { Some(text) } else { text.strip_prefix("topic:").filter(|topic| !topic.is_empty()) }
 }
 
-/// The source that a file of `--fix` is for, and its key; none when it is no file but a word.
-fn fix_file(text: &str) -> Option<(&'static str, &'static str)> {
-    let ends_in = |word| Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(word));
-    if ends_in("toml") {
-        Some(("landmarks", "localizer.landmarks"))
-    } else if ends_in("echogrid") {
-        Some(("map", "localizer.map"))
-    } else {
-        text.contains(['/', '.']).then_some(("reference", "localizer.reference"))
+/// The source that a file of `--fix` is for, its key, and the file; none when it is no file but a word. A map is known by what it
+/// holds, whatever its name, and the folder of a map is it; whoever names another picture of it is told so by the reader of maps.
+fn fix_file(text: &str, base: &Path) -> Option<(&'static str, &'static str, String)> {
+    const MAP: (&str, &str) = ("map", "localizer.map");
+    const WORDS: [&str; 6] = ["none", "operator", "truth", "reference", "landmarks", "map"];
+    if WORDS.contains(&text) {
+        return None;
     }
+    let file = base.join(text);
+    let ends_in = |word| Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(word));
+    if file.is_dir() {
+        let inside = Path::new(text).join("map.echogrid").to_string_lossy().into_owned();
+        return Some((MAP.0, MAP.1, inside));
+    }
+    let (source, key) = if ["echogrid", "png", "pgm", "yaml", "npy"].into_iter().any(ends_in) || is_native_file(&file) {
+        MAP
+    } else if ends_in("toml") {
+        ("landmarks", "localizer.landmarks")
+    } else if text.contains(['/', '.']) || file.is_file() {
+        ("reference", "localizer.reference")
+    } else {
+        return None;
+    };
+    Some((source, key, text.to_owned()))
+}
+
+fn is_native_file(file: &Path) -> bool {
+    let mut head = [0; native::MAGIC.len()];
+    File::open(file).and_then(|mut file| file.read_exact(&mut head)).is_ok() && head == native::MAGIC
 }
 
 /// The name of the service of a kind that there is one of.

@@ -473,6 +473,16 @@ fn a_file_says_where_the_robot_is() {
         assert_eq!(config.localizer.files(), [(key, folder.path().join(file).as_path())]);
         assert!(config.has_localizer());
     }
+    // A map is known by what it holds, its folder by what is in it.
+    std::fs::write(folder.path().join("saved.bin"), b"\x89EGM\r\n\x1a\n...").unwrap();
+    std::fs::create_dir(folder.path().join("office")).unwrap();
+    std::fs::write(folder.path().join("office/map.echogrid"), "").unwrap();
+    for (named, file) in [("saved.bin", "saved.bin"), ("office", "office/map.echogrid")] {
+        assert_eq!(
+            of(named, &[]).unwrap().into_config().localizer.files(),
+            [("map", folder.path().join(file).as_path())]
+        );
+    }
     // In a map it is asked for by way, too, unless it is said when; and what the sensors hear is read.
     let in_map = of("a.echogrid", &[]).unwrap().into_config();
     assert_eq!((in_map.localization.ask, in_map.localization.every_m), (Ask::Both, 2.0));
@@ -488,7 +498,8 @@ fn a_file_says_where_the_robot_is() {
         ("marks.toml", "localizer.sightings=none", "none\": there is no such file"),
         ("marks.toml", "localizer.measure=ranges", "did you mean \"range\"?"),
         ("marks.toml", "localizer.range_sigma_m=0", "localizer.range_sigma_m = 0: expected metres, from 1e-9"),
-        ("./", "run.rate=1", "a folder; expected a file"),
+        ("./", "run.rate=1", "map.echogrid\": there is no such file"),
+        ("map.png", "run.rate=1", "localizer.map = "),
         ("referense", "run.rate=1", "did you mean \"reference\"?"),
     ] {
         let error = of(fix, &[set]).unwrap_err().to_string();

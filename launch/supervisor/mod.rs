@@ -30,6 +30,8 @@ use ports::Ports;
 pub use run::{Graph, Observer, Outcome, Progress};
 use systemd::Systemd;
 
+/// Signals that follow each other this fast are one word: `timeout` and others signal a process and then its group.
+const ONE_WORD: Duration = Duration::from_millis(200);
 /// Progress is shown this often, and deadlines looked at.
 const TICK: Duration = Duration::from_millis(100);
 
@@ -50,6 +52,7 @@ pub fn run(mut graph: Graph<'_>, observer: &mut dyn Observer) -> Result<Outcome>
         visitors: Visitors::default(),
         graph,
         signals,
+        asked: None,
         lines,
         sender,
         clock: Clock::new(now),
@@ -91,6 +94,8 @@ struct Supervisor<'a> {
     visitors: Visitors,
     graph: &'a Graph<'a>,
     signals: Signals,
+    /// When the user asked to end last.
+    asked: Option<Instant>,
     lines: Receiver<Line>,
     sender: Sender<Line>,
     /// The launcher's own time, for deadlines.
@@ -167,6 +172,10 @@ impl Supervisor<'_> {
     fn take_signals(&mut self, observer: &mut dyn Observer) -> Result<()> {
         while let Some(caught) = self.signals.next()? {
             self.systemd.stopping();
+            let now = Instant::now();
+            if self.asked.replace(now).is_some_and(|asked| now.duration_since(asked) < ONE_WORD) {
+                continue;
+            }
             if !self.services.stopped {
                 observer.event(&Event::Stopping { signal: caught.signal.as_str() });
             }

@@ -17,7 +17,7 @@ use crate::map::{MapDocument, PathPoint};
 #[non_exhaustive]
 pub enum NativeError {
     /// The magic bytes are not there.
-    #[error("not a native map: it begins with \"{begins}\"; expected \"\\x89EGM\\r\\n\\x1a\\n\"")]
+    #[error("not a native map, as map.echogrid: it begins with \"{begins}\"; expected \"\\x89EGM\\r\\n\\x1a\\n\"")]
     Magic {
         /// The first bytes, escaped.
         begins: String,
