@@ -242,6 +242,9 @@ pub enum Command {
         /// The unit of a log's ranges: auto, m, cm or mm.
         #[arg(long, value_name = "UNIT", default_value = "auto", value_parser = range_unit)]
         range_unit: LogUnit,
+        /// Of a native map this layer, as .png or .npy: the doubt of each cell, or which way walls face.
+        #[arg(long, value_name = "LAYER")]
+        layer: Option<MapLayerName>,
     },
     /// Tells how good a map is, against the world that it shows.
     Score {
@@ -372,6 +375,15 @@ pub enum Command {
         #[arg(last = true, hide = true)]
         arguments: Vec<std::ffi::OsString>,
     },
+}
+
+/// The layers that a map may have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MapLayerName {
+    /// How much odometry error is in the evidence of each cell.
+    Doubt,
+    /// Which way each wall faces.
+    Facing,
 }
 
 /// The files that settings are written in.

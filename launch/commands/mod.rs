@@ -35,11 +35,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
+use echogrid_formats::convert::{MapLayer, convert_layer, convert_with};
 use echogrid_replay::config::{LogUnit, ReplayConfig};
 use echogrid_service::{in_words, logging, signals};
 use serde::Serialize;
 
-use crate::cli::{Cli, Command, Experiment, NewCommand, View};
+use crate::cli::{Cli, Command, Experiment, MapLayerName, NewCommand, View};
 use crate::config::LoadRequest;
 
 pub use graph::provenance;
@@ -87,7 +88,7 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Status { domain, json, watch }) => status::run(domain.as_deref(), json, watch),
         Some(Command::Completions { shell }) => manual::completions(shell),
         Some(Command::Man { out }) => manual::pages(out.as_deref()),
-        Some(Command::Convert { input, output, range_unit }) => convert(&input, &output, range_unit),
+        Some(Command::Convert { input, output, range_unit, layer }) => convert(&input, &output, range_unit, layer),
         Some(Command::Score { map, world, path, truth, topics, align, points, json, picture }) => {
             score::run(&score::Request { map, world, path, truth, topics, align, points, json, picture })
         }
@@ -125,9 +126,13 @@ pub fn run(cli: Cli) -> ExitCode {
     }
 }
 
-fn convert(input: &Path, output: &Path, range_unit: LogUnit) -> Result<()> {
+fn convert(input: &Path, output: &Path, range_unit: LogUnit, layer: Option<MapLayerName>) -> Result<()> {
     let options = ReplayConfig { range_unit, ..ReplayConfig::default() }.survey_options();
-    let report = echogrid_formats::convert::convert_with(input, output, options)?;
+    let report = match layer {
+        None => convert_with(input, output, options)?,
+        Some(MapLayerName::Doubt) => convert_layer(input, output, MapLayer::Doubt)?,
+        Some(MapLayerName::Facing) => convert_layer(input, output, MapLayer::Facing)?,
+    };
     let mut text = format!("{}\n", report.input);
     for path in &report.written {
         text += &format!("written   {}\n", path.display());

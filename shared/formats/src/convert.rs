@@ -11,6 +11,8 @@
 //! A map_server pair does not become a native map: that holds evidence, path and provenance,
 //! which would have to be made up.
 
+mod layer;
+
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -25,6 +27,8 @@ use crate::map::{Drawable, MapDocument, MapError, OccupancyMap, native, npy, pic
 use crate::near::near_word;
 use crate::whole_file::{WholeFile, write_together, write_whole};
 use crate::{WriteError, open_regular};
+
+pub use layer::{MapLayer, convert_layer};
 
 /// What a conversion did.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -86,6 +90,22 @@ pub enum ConvertError {
         possible: &'static str,
         /// The extension that was probably meant.
         near: Option<&'static str>,
+    },
+    /// What goes in has no layers.
+    #[error("{} is {input}; expected a native map (.echogrid), which may have layers", path.display())]
+    NoLayers {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        input: &'static str,
+    },
+    /// The map was made without that layer.
+    #[error("{}: holds no {layer}; a run with mapper.{layer} = true keeps it", path.display())]
+    LayerMissing {
+        /// The file.
+        path: PathBuf,
+        /// The layer asked for.
+        layer: &'static str,
     },
     /// Input and output are the same file.
     #[error("{}: input and output are the same file", path.display())]
@@ -191,10 +211,10 @@ fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<Conver
         remarks: Vec::new(),
     };
     if document.doubt.is_some() && extension != "echogrid" {
-        report.lost.push("the doubt of each cell".into());
+        report.lost.push("the doubt of each cell (--layer doubt)".into());
     }
     if document.facing.is_some() && extension != "echogrid" {
-        report.lost.push("which way each wall faces".into());
+        report.lost.push("which way each wall faces (--layer facing)".into());
     }
     match extension {
         "echogrid" => {
@@ -358,6 +378,30 @@ mod tests {
         native::write(&file, &MapDocument { grid, doubt: None, facing: None, path, provenance: Provenance::default() })
             .unwrap();
         file
+    }
+
+    #[test]
+    fn a_layer_of_a_map_comes_out_where_the_map_has_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let map = native_map(folder.path());
+        let out = |name: &str| folder.path().join(name);
+        let error =
+            |input: &Path, output: &str| convert_layer(input, &out(output), MapLayer::Facing).unwrap_err().to_string();
+        assert!(error(&map, "f.png").contains("m.echogrid: holds no facing; a run with mapper.facing = true keeps it"));
+        let mut document = native::read(&map).unwrap();
+        let mut facing = Grid::new(0.1);
+        let cell = CellIndex { i: 0, j: 0 };
+        facing.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = 1.0;
+        document.facing = Some(facing);
+        native::write(&map, &document).unwrap();
+        convert_layer(&map, &out("f.png"), MapLayer::Facing).unwrap();
+        convert_layer(&map, &out("f.npy"), MapLayer::Facing).unwrap();
+        assert!(std::fs::read(out("f.png")).unwrap().starts_with(b"\x89PNG"));
+        assert!(std::fs::read(out("f.npy")).unwrap().starts_with(b"\x93NUMPY"));
+        assert!(error(&map, "f.pgm").contains("a layer of a native map, which can't be written as"));
+        assert!(error(&map, "m.echogrid").contains("same file"));
+        std::fs::write(out("a.log"), LOG).unwrap();
+        assert!(error(&out("a.log"), "f.png").contains("a.log is a log; expected a native map"));
     }
 
     #[test]

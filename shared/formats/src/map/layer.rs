@@ -23,7 +23,7 @@ pub(super) const WIDTH_MIN_PX: usize = 440;
 ///
 /// # Errors
 /// The known cells lie too far apart for a rectangle.
-pub(super) fn encode_array(layer: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
+pub(crate) fn encode_array(layer: &Grid, map: &Grid) -> Result<Vec<u8>, MapError> {
     let raster = raster_of(map)?;
     let values: Vec<f32> = cells_of(&raster, layer).collect();
     Ok(npy::encode_array(raster.width, raster.height, &values))

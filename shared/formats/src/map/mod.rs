@@ -20,7 +20,7 @@ mod drawable;
 mod error;
 pub mod facing;
 mod files;
-mod layer;
+pub(crate) mod layer;
 mod legend;
 mod main_part;
 pub mod map_server;
