@@ -40,21 +40,38 @@ const WORKS: [Work; 6] = [
 
 type Scan = Vec<(Reading, Option<Estimate>)>;
 
-/// The scans of a workload, as an exact robot heard them.
-fn scans(is_laser: bool) -> Result<Vec<Scan>, String> {
-    let (file, beams, none_m) = if is_laser { ("workload_l.bin", BEAMS, 20.0) } else { ("workload_s.bin", 16, 5.0) };
-    let scan = |record: &[f64]| {
+/// What a workload holds of each scan, one after the other: a pose, and a range for each of so many beams, metres.
+struct Records {
+    numbers: Vec<f64>,
+    beams: u16,
+    /// What stands for no echo.
+    none_m: f64,
+}
+
+impl Records {
+    fn of(is_laser: bool) -> Result<Self, String> {
+        let (file, beams, none_m) =
+            if is_laser { ("workload_l.bin", BEAMS, 20.0) } else { ("workload_s.bin", 16, 5.0) };
+        let most = std::env::var("SCANS").ok().and_then(|n| n.parse().ok()).unwrap_or(usize::MAX);
+        let mut numbers = records(file)?;
+        numbers.truncate(most.saturating_mul(3 + usize::from(beams)));
+        Ok(Self { numbers, beams, none_m })
+    }
+
+    fn scans(&self) -> impl ExactSizeIterator<Item = &[f64]> {
+        self.numbers.chunks_exact(3 + usize::from(self.beams))
+    }
+
+    /// A scan, as an exact robot heard it.
+    fn read(&self, record: &[f64], scan: &mut Scan) {
         let pose = Pose2::new(record[0], record[1], record[2]);
-        let estimate = Estimate { errors: OdometryErrors::default(), ..Estimate::certain(pose) };
-        let reading = |(transducer, range_m): (u16, &f64)| {
-            let echo = if *range_m < none_m { Echo::Hit { range_m: *range_m } } else { Echo::NoEcho };
-            (Reading { transducer, echo, offset_ns: 0 }, Some(estimate))
-        };
-        (0..beams).zip(&record[3..]).map(reading).collect()
-    };
-    let numbers = records(file)?;
-    let most = std::env::var("SCANS").ok().and_then(|n| n.parse().ok()).unwrap_or(usize::MAX);
-    Ok(numbers.chunks_exact(3 + usize::from(beams)).take(most).map(scan).collect())
+        let estimate = Some(Estimate { errors: OdometryErrors::default(), ..Estimate::certain(pose) });
+        scan.clear();
+        scan.extend((0..self.beams).zip(&record[3..]).map(|(transducer, range_m)| {
+            let echo = if *range_m < self.none_m { Echo::Hit { range_m: *range_m } } else { Echo::NoEcho };
+            (Reading { transducer, echo, offset_ns: 0 }, estimate)
+        }));
+    }
 }
 
 /// A lidar whose beams lie side by side.
@@ -84,7 +101,7 @@ fn processor_s() -> Result<f64, String> {
 }
 
 /// Scans per second of one run.
-fn rate(work: &Work, scans: &[Scan]) -> Result<f64, String> {
+fn rate(work: &Work, records: &Records) -> Result<f64, String> {
     let (robot, none_m) = if work.is_laser { (lidar(), 20.0) } else { (pioneer(), 5.0) };
     let config = MapperConfig {
         fusion: work.fusion,
@@ -99,10 +116,12 @@ fn rate(work: &Work, scans: &[Scan]) -> Result<f64, String> {
     };
     let mut mapper = GridMapper::new(&config, Noise::Sampled, 1, robot).expect("valid");
     let begun = processor_s()?;
-    for (sequence, scan) in (1..).zip(scans) {
-        std::hint::black_box(mapper.integrate_scan(sequence, scan));
+    let mut scan = Scan::new();
+    for (sequence, record) in (1..).zip(records.scans()) {
+        records.read(record, &mut scan);
+        std::hint::black_box(mapper.integrate_scan(sequence, &scan));
     }
-    Ok(scans.len() as f64 / (processor_s()? - begun))
+    Ok(records.scans().len() as f64 / (processor_s()? - begun))
 }
 
 fn run(names: &[String]) -> Result<(), String> {
@@ -111,10 +130,10 @@ fn run(names: &[String]) -> Result<(), String> {
         return Err(format!("no work is called {unknown}; there are {:?}", WORKS.map(|work| work.name)));
     }
     for work in WORKS.iter().filter(|work| names.is_empty() || names.iter().any(|name| name == work.name)) {
-        let scans = scans(work.is_laser)?;
+        let records = Records::of(work.is_laser)?;
         print!("{}", work.name);
         for _ in 0..repeats {
-            print!(" {:.0}", rate(work, &scans)?);
+            print!(" {:.0}", rate(work, &records)?);
         }
         println!();
     }

@@ -6,7 +6,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use echogrid_core::grid::Grid;
-use echogrid_core::kernel::{EchoCone, FirstEchoKernel, Kernel};
+use echogrid_core::kernel::{EchoCone, FanKernel, FirstEchoKernel, Kernel};
 use echogrid_core::sensor_model::{Cone, Deviations};
 use echogrid_core::{Pose2, first_echo::FirstEcho};
 
@@ -48,6 +48,7 @@ fn drive(mut add: impl FnMut(Pose2, f64, f64, bool)) {
 fn no_reading_asks_for_memory_in_steady_state() {
     let mut grid = Grid::new(0.05);
     let (mut kernel, mut first_echo) = (Kernel::new(0.0, 8.0), FirstEchoKernel::new(0.0, 8.0));
+    let mut fan = FanKernel::new(0.0, 8.0);
     let mut round = || {
         let before = ASKED.get();
         drive(|pose, range_m, aperture_rad, leaves_gaps| {
@@ -56,6 +57,10 @@ fn no_reading_asks_for_memory_in_steady_state() {
             let (p_occupied, p_free, range_cap_m) = (0.85, 0.3, 5.0);
             let cone = Cone { range_m, aperture_rad, range_cap_m, deviations, p_occupied, p_free, leaves_gaps };
             assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
+            let beam =
+                Cone { aperture_rad: 0.01, deviations: Deviations { sigma_theta_rad: 0.005, ..deviations }, ..cone };
+            let beams: [_; 40] = core::array::from_fn(|n| (n as u16 * 3, beam));
+            assert!(fan.add(&mut grid, pose, 0.01, &beams, 1).is_ok());
             let range_m = (range_m < 4.5).then_some(range_m);
             let (sigma_z_m, detection, clutter, lost) = (0.05, 0.2, 0.4, 0.9);
             let reading = FirstEcho { range_m, sigma_z_m, sigma_theta_rad, detection, clutter, range_cap_m, lost };

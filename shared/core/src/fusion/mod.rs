@@ -1,5 +1,6 @@
 //! What a reading makes of the cells of its cone: the rules of fusion. ([`Fusion::of`] never leaves `Auto`.)
 
+mod beams;
 mod facing;
 pub mod first_echo;
 pub mod oriented;
@@ -10,7 +11,7 @@ use crate::filter::Channel;
 use crate::first_echo::FirstEcho;
 use crate::grid::Grid;
 use crate::heard::Heard;
-use crate::kernel::{EchoCone, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
+use crate::kernel::{EchoCone, FanKernel, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
 use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
 use crate::novelty::Novelty;
@@ -30,7 +31,7 @@ pub(crate) struct Sounding<'a> {
     pub(crate) sequence: u64,
     pub(crate) reading: &'a Reading,
     /// Its transducer.
-    pub(crate) channel: Channel,
+    pub(crate) channel: &'a Channel,
     /// z_t; none: nothing came back.
     pub(crate) range_m: Option<f64>,
     /// x_t, finite.
@@ -74,6 +75,7 @@ pub(crate) struct Fuser {
     noise: Noise,
     seed: u64,
     kernel: Kernel,
+    fan: FanKernel,
     first_echo: FirstEchoKernel,
     oriented: OrientedKernel,
     pub(crate) novelty: Novelty,
@@ -88,6 +90,7 @@ impl Fuser {
             noise,
             seed,
             kernel: Kernel::new(config.log_odds_prior, config.log_odds_max),
+            fan: FanKernel::new(config.log_odds_prior, config.log_odds_max),
             first_echo: FirstEchoKernel::new(config.log_odds_prior, config.log_odds_max),
             oriented: OrientedKernel::new(
                 config.log_odds_prior,
@@ -105,20 +108,32 @@ impl Fuser {
     /// # Errors
     /// It is not to be trusted.
     pub(crate) fn weigh(&mut self, sounding: &Sounding<'_>, news: Option<f64>) -> Result<Weighed, Verdict> {
+        self.weigh_at(sounding, sounding.map_from_transducer(), news)
+    }
+
+    /// Likewise, of one whose transducer is known to be at `map_from_transducer`.
+    ///
+    /// # Errors
+    /// As [`Fuser::weigh`].
+    fn weigh_at(
+        &mut self,
+        sounding: &Sounding<'_>,
+        map_from_transducer: Pose2,
+        news: Option<f64>,
+    ) -> Result<Weighed, Verdict> {
         let deviations = self.deviations(sounding);
         // A trust of 0 or NaN (an error beyond all bounds) can't move a cell either.
         if !(deviations.trust > 0.0 && deviations.trust >= self.config.min_trust) {
             return Err(Verdict::Untrusted);
         }
-        let news = news.unwrap_or_else(|| self.news(sounding));
+        let news = news.unwrap_or_else(|| self.news(sounding, map_from_transducer));
         let sigma_z0_m = self.own_deviation_m(sounding);
         let doubt_m2 = deviations.sigma_z_m * deviations.sigma_z_m - sigma_z0_m * sigma_z0_m;
         Ok(Weighed { deviations, news, doubt_m: doubt_m2.max(0.0).sqrt(), cleared_m: 0.0 })
     }
 
     /// How much of a reading is new, in (0, 1].
-    fn news(&mut self, sounding: &Sounding<'_>) -> f64 {
-        let map_from_transducer = sounding.map_from_transducer();
+    fn news(&mut self, sounding: &Sounding<'_>, map_from_transducer: Pose2) -> f64 {
         let news = self.novelty.of(sounding.reading.transducer, map_from_transducer, self.config.novelty_m);
         match self.config.fusion.of(sounding.channel.transducer.kind) {
             Fusion::Oriented => {
@@ -156,7 +171,13 @@ impl Fuser {
     ) -> Result<(), Verdict> {
         let (map_from_transducer, revision) = (sounding.map_from_transducer(), sounding.sequence);
         let added = match model {
-            InverseSensorModel::Cone(cone) => self.kernel.add(grid, map_from_transducer, cone, revision),
+            InverseSensorModel::Cone(cone) => match sounding.channel.transducer.fan {
+                Some(fan) => {
+                    let map_from_first = sounding.estimate.pose * fan.base_from_first;
+                    self.fan.add(grid, map_from_first, fan.step_rad, &[(fan.beam, *cone)], revision)
+                }
+                None => self.kernel.add(grid, map_from_transducer, cone, revision),
+            },
             InverseSensorModel::FirstEcho(cone) => self.first_echo.add(grid, map_from_transducer, cone, revision),
             InverseSensorModel::Oriented(cone) => self.oriented.add(grid, map_from_transducer, cone, revision),
         };
@@ -284,6 +305,7 @@ mod tests {
             range_max_m: 5.0,
             range_error_ratio: 0.01,
             leaves_gaps: false,
+            fan: None,
         };
         // A metre of doubt along x, none across it.
         let deviations = |heading_rad: f64| {
@@ -292,7 +314,13 @@ mod tests {
             let reading = Reading { transducer: 0, echo: Echo::Hit { range_m: 2.0 }, offset_ns: 0 };
             let channel = Channel { transducer, sonar: Some(0), selected: true, min_range_m: 0.15, max_range_m: 4.0 };
             let range_m = Some(2.0);
-            fuser.deviations(&Sounding { sequence: 1, reading: &reading, channel, range_m, estimate: &estimate })
+            fuser.deviations(&Sounding {
+                sequence: 1,
+                reading: &reading,
+                channel: &channel,
+                range_m,
+                estimate: &estimate,
+            })
         };
         let (along, across) = (deviations(0.0), deviations(core::f64::consts::FRAC_PI_2));
         assert!((along.sigma_z_m - libm::hypot(1.0, 0.025)).abs() < 1e-9, "{along:?}");

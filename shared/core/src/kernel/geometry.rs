@@ -9,7 +9,7 @@ use super::layout::{Layout, PlaceOfRow};
 pub(super) const ANGLE: usize = 5;
 
 /// Far below what a distance can be told apart by: it keeps 0/0 out.
-const TINY: f32 = 1e-30;
+pub(super) const TINY: f32 = 1e-30;
 
 /// What a beam does to all of its cells. Lengths in metres from the transducer.
 #[derive(Debug, Clone, Copy)]

@@ -3,11 +3,12 @@
 //! A rule is written once, for any number of lanes; each lane does the same operations in the same order, each of which is rounded
 //! once and alike everywhere (+, −, ×, ÷, √, and a × b + c fused into one). So the bits don't depend on the processor.
 
+use super::chosen::Chosen;
 use super::fused::fused;
 use crate::shares;
 
 /// Some numbers that are computed together, in single precision.
-pub(super) trait Lanes: Copy {
+pub(super) trait Lanes: Chosen {
     /// How many: a divisor of 16.
     const COUNT: usize;
     /// What goes with it in double precision.
@@ -91,7 +92,7 @@ pub(super) const EXPONENT_OF_ONE: i32 = 127;
 
 /// For every processor. Where there are vectors of the right kind (NEON) the compiler makes use of them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Portable([f32; 8]);
+pub(super) struct Portable(pub(super) [f32; 8]);
 
 impl Portable {
     #[inline(always)]

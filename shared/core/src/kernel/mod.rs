@@ -4,6 +4,8 @@
 //! share that layout (`layout.rs`). The sensor model falls into a factor that depends on the distance and one that depends on the
 //! angle, and both are polynomials in single precision, of as many cells at once as the processor can (`lanes.rs`, `wide.rs`).
 //!
+//! Beams of a lidar that stand side by side are added in one pass (`fan.rs`).
+//!
 //! **Bound.** Of the cells of the cone, and only of these, each gains what [`Cone::probability`] says, to within
 //! [`BOUND`] of log-odds and half a unit in the last place of the stored single-precision sum. Which cells belong is
 //! exact but for centres that lie within 1e-9 m or rad of a border. (At 10 000 km from the origin of the map a
@@ -13,6 +15,9 @@
 //! **Bits.** Every processor gives the same, however many cells it computes at once.
 
 mod along;
+mod chosen;
+mod fan;
+mod fan_pass;
 mod first_echo;
 mod fit;
 mod functions;
@@ -29,6 +34,8 @@ mod wide;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 #[cfg(target_arch = "x86_64")]
+mod x86_chosen;
+#[cfg(target_arch = "x86_64")]
 mod x86_doubles;
 
 use crate::angle::wrap_angle;
@@ -37,6 +44,7 @@ use crate::log_odds::log_odds_of;
 use crate::pose::Pose2;
 use crate::sensor_model::Cone;
 
+pub use fan::{FAN_STEP_RAD, FanKernel};
 pub use first_echo::{EchoCone, FirstEchoKernel};
 use fit::{Fitter, nodes};
 use geometry::{ANGLE, Geometry};

@@ -11,7 +11,7 @@ use crate::grid::Tile;
 use crate::sensor_model::Cone;
 
 /// Coefficients of 2 artanh(y)/y as a function of y².
-const ARTANH: usize = 3;
+pub(super) const ARTANH: usize = 3;
 /// Peaks of region I that are at least this far from certain are near enough to even odds for so few.
 const LOWEST_P_FREE: f64 = 0.28;
 
@@ -66,7 +66,7 @@ pub(super) fn artanh(p_free: f64) -> Option<[f32; ARTANH]> {
 
 /// The polynomial of one degree less that differs least from this one over [0, 1]: x⁴ is replaced by what Chebyshev's polynomial of
 /// degree 4 leaves of it. Where p is near even odds that is enough.
-fn shortened(angle: &[f32; ANGLE]) -> [f32; ANGLE - 1] {
+pub(super) fn shortened(angle: &[f32; ANGLE]) -> [f32; ANGLE - 1] {
     const LEFT: [f32; ANGLE - 1] = [1.0, -32.0, 160.0, -256.0];
     core::array::from_fn(|power| angle[power] - angle[ANGLE - 1] * LEFT[power] / 128.0)
 }
@@ -205,6 +205,13 @@ impl<L: Lanes> WideLimits<L> {
         self.store(cells, a.mul_add(b, gained));
     }
 
+    /// Lets those of as many cells as there are lanes that are chosen gain a × b, less l0.
+    #[inline(always)]
+    pub(super) fn add_product_where(&self, chosen: L::Mask, cells: &mut [f32], a: L, b: L) {
+        let gained = L::load(cells).sub(self.prior).or(L::splat(0.0));
+        a.mul_add(b, gained).at_least(self.min).at_most(self.max).store_where(chosen, cells);
+    }
+
     /// Lets cells gain log-odds, less l0.
     #[inline(always)]
     fn add(&self, cells: &mut [f32], log_odds: L) {
@@ -221,6 +228,17 @@ impl<L: Lanes> WideLimits<L> {
     #[inline(always)]
     fn store(&self, cells: &mut [f32], log_odds: L) {
         log_odds.at_least(self.min).at_most(self.max).store_some(cells);
+    }
+}
+
+impl Limits {
+    /// Lets a cell gain log-odds, less l0.
+    #[inline(always)]
+    pub(super) fn add(&self, cell: &mut f32, log_odds: f32) {
+        let gained = if cell.is_nan() { 0.0 } else { *cell - self.prior };
+        let sum = log_odds + gained;
+        let sum = if sum > -self.max { sum } else { -self.max };
+        *cell = if sum < self.max { sum } else { self.max };
     }
 }
 

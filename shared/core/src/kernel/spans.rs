@@ -66,6 +66,24 @@ impl Rows {
         if highest < lowest { Stretch::EMPTY } else { Stretch { low: lowest, high: highest } }
     }
 
+    /// So many rows without cells, in front of an echo or not.
+    pub(super) fn clear(&mut self, rows: usize) {
+        self.make_room(rows);
+        self.low[..rows].fill(i32::MAX);
+        self.high[..rows].fill(i32::MIN);
+    }
+
+    /// Makes rows from `first` on reach as far as so many of `others` do.
+    #[inline(always)]
+    pub(super) fn widen(&mut self, first: usize, others: &Self, count: usize) {
+        let rows = self.low[first..first + count].iter_mut().zip(&mut self.high[first..first + count]);
+        for ((low, high), (other_low, other_high)) in rows.zip(others.low[..count].iter().zip(&others.high[..count])) {
+            let is_empty = other_high < other_low;
+            *low = (*low).min(if is_empty { i32::MAX } else { *other_low });
+            *high = (*high).max(if is_empty { i32::MIN } else { *other_high });
+        }
+    }
+
     fn make_room(&mut self, rows: usize) {
         let rows = rows.next_multiple_of(LANES);
         for column in [&mut self.low, &mut self.high, &mut self.free_low, &mut self.free_high] {
@@ -126,12 +144,23 @@ impl Sector {
         resolution_m: f64,
     ) -> Self {
         let half = 0.5 * aperture_rad;
+        Self::between(direction_rad + half, direction_rad - half, (near_m, far_m), apex, resolution_m)
+    }
+
+    /// Between two directions. Of two sectors that share one, a cell is in one, or on the line in both.
+    pub(super) fn between(
+        left_rad: f64,
+        right_rad: f64,
+        (near_m, far_m): (f64, f64),
+        apex: &Apex,
+        resolution_m: f64,
+    ) -> Self {
         Self {
             resolution_m,
             cells_per_m: 1.0 / resolution_m,
             offset: [apex.offset_x, apex.offset_y],
-            left: Edge::new(direction_rad + half, 1.0),
-            right: Edge::new(direction_rad - half, -1.0),
+            left: Edge::new(left_rad, 1.0),
+            right: Edge::new(right_rad, -1.0),
             near_m,
             far_m,
         }

@@ -37,7 +37,7 @@ impl Width {
     pub(super) fn all() -> Vec<Self> {
         use std::arch::is_x86_feature_detected as has;
         let mut all = vec![Self::Portable];
-        let avx2 = has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2");
+        let avx2 = has!("avx2") && has!("fma") && has!("bmi1") && has!("bmi2") && has!("popcnt");
         if avx2 {
             all.push(Self::Avx2);
         }
@@ -62,13 +62,13 @@ impl Width {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,popcnt")]
 fn run_avx2(work: impl Work) {
     work.run::<Avx2>();
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,fma,bmi1,bmi2,avx512f,avx512vl,avx512dq,avx512bw")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,popcnt,avx512f,avx512vl,avx512dq,avx512bw")]
 fn run_avx512(work: impl Work) {
     work.run::<Avx512>();
 }

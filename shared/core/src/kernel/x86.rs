@@ -13,11 +13,11 @@ const EXPONENT: i32 = EXPONENT_BIT as i32;
 
 /// Eight lanes: AVX2 and FMA.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Avx2(__m256);
+pub(super) struct Avx2(pub(super) __m256);
 
 /// Sixteen lanes: AVX-512 (F, VL, DQ, BW).
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Avx512(__m512);
+pub(super) struct Avx512(pub(super) __m512);
 
 /// `MASK[8 − n..]` begins with n lanes that are on.
 static MASK: [i32; 16] = [-1, -1, -1, -1, -1, -1, -1, -1, 0, 0, 0, 0, 0, 0, 0, 0];

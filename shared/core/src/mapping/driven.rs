@@ -47,11 +47,22 @@ impl Driven {
         radius_m
     }
 
+    /// Whether [`Driven::clear`] would change anything.
+    pub(crate) fn is_due(&self, estimate: &Estimate) -> bool {
+        !self.is_here(estimate) && self.sure_radius_m(estimate) > 0.0
+    }
+
+    /// Whether it cleared here last.
+    fn is_here(&self, estimate: &Estimate) -> bool {
+        let Pose2 { x, y, .. } = estimate.pose;
+        let step_m = 0.5 * self.radius_m;
+        self.last.is_some_and(|[last_x, last_y]| libm::hypot(x - last_x, y - last_y) < step_m)
+    }
+
     /// The radius of what is free for certain where the robot is now, metres; 0 where that is nothing new.
     fn radius_m(&mut self, estimate: &Estimate) -> f64 {
         let Pose2 { x, y, .. } = estimate.pose;
-        let step_m = 0.5 * self.radius_m;
-        if self.last.is_some_and(|[last_x, last_y]| libm::hypot(x - last_x, y - last_y) < step_m) {
+        if self.is_here(estimate) {
             return 0.0;
         }
         let radius_m = self.sure_radius_m(estimate);
@@ -70,6 +81,10 @@ impl Driven {
 
     /// The cells of such a radius around (x, y), metres, become freer.
     pub(crate) fn clear_disc(&self, grid: &mut Grid, at: [f64; 2], radius_m: f64, revision: u64) {
+        // A disc of no size would have a centre.
+        if radius_m <= 0.0 {
+            return;
+        }
         let [x, y] = at;
         let (low, high) = (grid.cell_at(x - radius_m, y - radius_m), grid.cell_at(x + radius_m, y + radius_m));
         for j in low.j..=high.j {

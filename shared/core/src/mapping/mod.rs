@@ -4,24 +4,30 @@ pub(crate) mod doubt;
 pub(crate) mod driven;
 pub mod foretell;
 pub mod kept;
+mod locate;
 mod recorders;
 pub mod remap;
+mod run;
 mod saving;
 pub(crate) mod sonar_maps;
 pub mod why;
 
+use std::sync::Arc;
+
 use crate::config::{ConfigError, MapperConfig, Noise, OdometryConfig};
 use crate::driven::Driven;
-use crate::filter::{Chain, Channel, channels, range_of};
+use crate::filter::{Chain, Channel, channels};
 use crate::fusion::{Fuser, Sounding, Weighed};
 use crate::grid::{Grid, Mark, TileIndex};
 use crate::kept::KeptReadings;
 use crate::odometry::Estimate;
 use crate::reading::Reading;
 use crate::robot::Robot;
+use crate::sensor_model::Cone;
 use crate::sonar_maps::SonarMaps;
 use crate::summary::{GridSummary, RunningSummary};
 use crate::verdict::Verdict;
+use locate::{channel_of, locate};
 use recorders::Recorders;
 
 pub use saving::RestoreError;
@@ -62,7 +68,7 @@ pub use saving::RestoreError;
 pub struct GridMapper {
     /// Of what it is made, in a number.
     settings: u32,
-    channels: Vec<Option<Channel>>,
+    channels: Arc<[Option<Channel>]>,
     chain: Chain,
     pub(crate) fuser: Fuser,
     pub(crate) driven: Driven,
@@ -71,6 +77,8 @@ pub struct GridMapper {
     taken: Mark,
     summary: RunningSummary,
     pub(crate) recorders: Recorders,
+    /// Of a scan; kept for its memory.
+    beams: Vec<(u16, Cone)>,
 }
 
 impl GridMapper {
@@ -86,10 +94,11 @@ impl GridMapper {
         Ok(Self {
             settings: saving::settings(mapper, noise, seed, &robot),
             chain: Chain::new(mapper, &channels),
-            channels,
+            channels: channels.into(),
             fuser: Fuser::new(mapper, noise, seed),
             driven: Driven::new(mapper, &robot),
             recorders: Recorders::new(mapper, &mut grid),
+            beams: Vec::new(),
             grid,
             taken: Mark::default(),
             summary: RunningSummary::default(),
@@ -111,11 +120,18 @@ impl GridMapper {
     pub fn integrate_scan(&mut self, sequence: u64, scan: &[(Reading, Option<Estimate>)]) -> Vec<Verdict> {
         // Judge: which are echoes that can be believed?
         let refusals = self.chain.judge(&self.channels, scan);
-        let readings = scan.iter().zip(refusals);
-        let fuse = |((reading, estimate), refusal): (&(Reading, Option<Estimate>), Option<Verdict>)| {
-            self.integrate_judged(sequence, reading, estimate.as_ref(), refusal)
-        };
-        readings.map(fuse).collect()
+        let mut verdicts = Vec::with_capacity(scan.len());
+        let (mut scan, mut refusals) = (scan, refusals.as_slice());
+        while let ([(reading, estimate), ..], [refusal, ..]) = (scan, refusals) {
+            let together = self.run_of(scan).min(refusals.len());
+            if together > 1 {
+                verdicts.extend(self.integrate_run(sequence, &scan[..together], &refusals[..together]));
+            } else {
+                verdicts.push(self.integrate_judged(sequence, reading, estimate.as_ref(), *refusal));
+            }
+            (scan, refusals) = (&scan[together..], &refusals[together..]);
+        }
+        verdicts
     }
 
     /// Likewise, for one reading, which is judged by the filters that need no other.
@@ -132,9 +148,10 @@ impl GridMapper {
         estimate: Option<&Estimate>,
         refusal: Option<Verdict>,
     ) -> Verdict {
-        self.recorders.begin_reading(&mut self.grid);
+        self.recorders.begin_readings(&mut self.grid, 1);
         // Where was the robot when it was taken?
-        let (sounding, cleared_at) = (self.locate(sequence, reading, estimate), self.driven.last);
+        let channels = Arc::clone(&self.channels);
+        let (sounding, cleared_at) = (locate(&channels, sequence, reading, estimate), self.driven.last);
         let fused = refusal.map_or(sounding, Err).and_then(|sounding| self.fuse(&sounding, None));
         if let Ok(sounding) = &sounding {
             self.recorders.end_reading(sounding, fused, cleared_at, &mut self.fuser);
@@ -158,29 +175,6 @@ impl GridMapper {
         weighed.cleared_m = self.driven.clear(&mut self.grid, sounding.estimate, sounding.sequence);
         self.recorders.end_change(&mut self.grid, &weighed);
         Ok(weighed)
-    }
-
-    /// A reading with its transducer, its range and where the robot was.
-    ///
-    /// # Errors
-    /// The verdict on one that lacks them.
-    pub(crate) fn locate<'a>(
-        &self,
-        sequence: u64,
-        reading: &'a Reading,
-        estimate: Option<&'a Estimate>,
-    ) -> Result<Sounding<'a>, Verdict> {
-        let channel = self.channel(reading.transducer).ok_or(Verdict::Invalid)?;
-        let range_m = match range_of(reading.echo) {
-            Err(Verdict::NoEcho) => None,
-            heard => Some(heard?),
-        };
-        let estimate = estimate.filter(|estimate| estimate.pose.is_finite()).ok_or(Verdict::NoPose)?;
-        Ok(Sounding { sequence, reading, channel, range_m, estimate })
-    }
-
-    fn channel(&self, transducer: u16) -> Option<Channel> {
-        self.channels.get(usize::from(transducer)).copied().flatten()
     }
 }
 
@@ -228,7 +222,7 @@ impl GridMapper {
     /// The number of a transducer among the robot's sonars, if it is one: 0, 1, 2 … in the order of the transducers.
     #[must_use]
     pub fn sonar_of(&self, transducer: u16) -> Option<u16> {
-        self.channel(transducer)?.sonar
+        channel_of(&self.channels, transducer)?.sonar
     }
 }
 

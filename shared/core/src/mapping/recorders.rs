@@ -34,10 +34,10 @@ impl Recorders {
         }
     }
 
-    /// A reading is about to be taken in, fused or not.
-    pub(super) fn begin_reading(&mut self, grid: &mut Grid) {
+    /// So many readings are about to be taken in, fused or not.
+    pub(super) fn begin_readings(&mut self, grid: &mut Grid, count: usize) {
         if let Some(journal) = &mut self.journal {
-            journal.make_room(grid);
+            journal.make_room(grid, count);
         }
     }
 

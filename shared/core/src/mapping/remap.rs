@@ -4,6 +4,7 @@
 //! tiles as they were. They are copied before they change for the first time; the readings since are kept. Both are kept in layers,
 //! of which the oldest is given up when there are too many readings: its evidence stays as it is.
 
+mod again;
 mod layer;
 
 use std::collections::VecDeque;
@@ -12,7 +13,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::fusion::{Sounding, Weighed};
 use crate::grid::Grid;
-use crate::kept::KeptReading;
 use crate::mapping::GridMapper;
 use crate::odometry::Estimate;
 use crate::parts::{Parts, Saved, SavedError};
@@ -83,16 +83,17 @@ impl Journal {
         self.first += 1;
     }
 
-    /// Before one more reading is fused.
-    pub(crate) fn make_room(&mut self, grid: &mut Grid) {
-        let full = |layer: &Layer| layer.readings.len() >= (self.readings_max / LAYERS).max(1);
+    /// Before so many more readings are fused.
+    pub(crate) fn make_room(&mut self, grid: &mut Grid, count: usize) {
+        let most = (self.readings_max / LAYERS).max(1);
+        let full = |layer: &Layer| !layer.readings.is_empty() && layer.readings.len() + count > most;
         if let Some(last) = self.layers.back_mut().filter(|layer| full(layer)) {
             last.before = grid.end_undo();
             self.layers.push_back(Layer::default());
             grid.begin_undo();
         }
         let kept = |layers: &VecDeque<Layer>| layers.iter().map(|layer| layer.readings.len()).sum::<usize>();
-        while self.layers.len() > 1 && kept(&self.layers) >= self.readings_max {
+        while self.layers.len() > 1 && kept(&self.layers) + count > self.readings_max {
             let oldest = self.layers.pop_front().unwrap_or_default();
             self.left += oldest.readings.len() as u64;
             self.forget_first(&oldest);
@@ -191,18 +192,11 @@ impl GridMapper {
         let first = layers.iter().flat_map(|layer| &layer.readings).next();
         self.driven.last = first.map_or(self.driven.last, |kept| kept.cleared_at);
         for Layer { estimates, readings, .. } in layers {
-            for Kept { sequence, reading, fused, at, place, .. } in readings {
-                let sounding = self.locate(sequence, &reading, estimates.get(at));
-                let now = sounding.and_then(|sounding| self.fuse(&sounding, fused.ok()));
-                if let (Some(kept), Ok(sounding)) = (&mut self.recorders.kept, sounding)
-                    && let Some(reading) = KeptReading::of(&sounding, now, &self.fuser)
-                {
-                    kept.replace(place, reading);
-                }
-                let (before, now) = (verdict_of(fused), verdict_of(now));
-                if before != now {
-                    verdicts.push((reading.transducer, before, now));
-                }
+            let mut readings = readings.as_slice();
+            while !readings.is_empty() {
+                let (run, rest) = readings.split_at(self.run_of_kept(readings));
+                self.fuse_run_again(run, &estimates, verdicts);
+                readings = rest;
             }
         }
         for index in self.grid.changed_since(begun) {

@@ -64,7 +64,7 @@ pub fn why<'a>(
     let mut said = Vec::new();
     let of = |log_odds: Option<f32>| log_odds.map_or(config.log_odds_prior, f64::from);
     for kept in readings {
-        let Some(channel) = channels.get(usize::from(kept.reading.transducer)).copied().flatten() else { continue };
+        let Some(Some(channel)) = channels.get(usize::from(kept.reading.transducer)) else { continue };
         let estimate = Estimate::certain(kept.pose);
         let (sequence, reading, range_m) = (kept.sequence, &kept.reading, range_of(kept.reading.echo).ok());
         let sounding = Sounding { sequence, reading, channel, range_m, estimate: &estimate };

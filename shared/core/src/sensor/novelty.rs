@@ -21,6 +21,9 @@ const LEVER_M: f64 = 1.0;
 pub struct Novelty {
     /// By number of the transducer.
     places: Vec<Option<Place>>,
+    /// The last distance: what it is between, and how far that is. The beams of a lidar share it.
+    #[serde(skip)]
+    last_way: Option<([f64; 4], f64)>,
 }
 
 /// Where a transducer has been speaking from.
@@ -46,7 +49,13 @@ impl Novelty {
         let place =
             self.places[index].get_or_insert(Place { begun: map_from_transducer, farthest_m: 0.0, budget: 1.0 });
         let turned = wrap_angle(map_from_transducer.theta - place.begun.theta).abs();
-        let moved_m = place.begun.distance_m(map_from_transducer) + LEVER_M * turned;
+        let between = [place.begun.x, place.begun.y, map_from_transducer.x, map_from_transducer.y];
+        let way_m = match self.last_way {
+            Some((last, way_m)) if last == between => way_m,
+            _ => place.begun.distance_m(map_from_transducer),
+        };
+        self.last_way = Some((between, way_m));
+        let moved_m = way_m + LEVER_M * turned;
         if moved_m > place.farthest_m {
             place.budget = (place.budget + (moved_m - place.farthest_m) / novelty_m).min(1.0);
             place.farthest_m = moved_m;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::kernel::FAN_STEP_RAD;
 use crate::pose::Pose2;
 
 /// The most sensors that a robot can have: each sonar is one, and so is a lidar for each way in which its beams may lie.
@@ -79,15 +80,50 @@ pub struct Transducer {
     pub range_error_ratio: f64,
     /// Whether it is a beam of a lidar that leaves gaps to its neighbours: it is narrower than the step from one to the next.
     pub leaves_gaps: bool,
+    /// Where it is among beams that stand side by side, if it is such a beam: it is as wide as the step then.
+    pub fan: Option<Fan>,
 }
+
+/// A beam of a lidar whose beams stand side by side: beam n looks along the first one's axis + n × `step_rad`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fan {
+    /// Beam 0 seen from the robot's base.
+    pub base_from_first: Pose2,
+    /// Radians, positive counter-clockwise.
+    pub step_rad: f64,
+    /// Its number.
+    pub beam: u16,
+}
+
+impl Fan {
+    /// Whether `next` is a beam of the same lidar with a higher number.
+    #[must_use]
+    pub fn is_before(&self, next: &Self) -> bool {
+        self.beam < next.beam && self.step_rad == next.step_rad && self.base_from_first == next.base_from_first
+    }
+}
+
+/// What somebody rounded is no gap, and nothing that two beams share, as a share of the step.
+const SLACK: f64 = 1e-3;
 
 impl Sensor {
     /// Whether there is something between its beams that none of them sees. (A sonar's cone is wide, and the sonars overlap.)
     fn leaves_gaps(&self) -> bool {
-        // What somebody rounded is no gap.
-        const SLACK: f64 = 1e-3;
         let step_rad = self.bearing_step_rad.abs();
         self.kind == SensorKind::Lidar && (self.transducers < 2 || self.aperture_rad < step_rad * (1.0 - SLACK))
+    }
+}
+
+impl Sensor {
+    /// Of beam `beam`, if its beams stand side by side.
+    fn fan(&self, beam: u16) -> Option<Fan> {
+        let step_rad = self.bearing_step_rad.abs();
+        let is_one = self.kind == SensorKind::Lidar
+            && self.transducers > 1
+            && FAN_STEP_RAD.contains(&step_rad)
+            && (self.aperture_rad - step_rad).abs() <= step_rad * SLACK;
+        let base_from_first = self.base_from_sensor * Pose2::new(0.0, 0.0, self.first_bearing_rad);
+        is_one.then_some(Fan { base_from_first, step_rad: self.bearing_step_rad, beam })
     }
 }
 
@@ -98,16 +134,18 @@ impl Robot {
         let sensor = self.sensors.iter().find(|s| {
             index >= s.first_transducer && u32::from(index) < u32::from(s.first_transducer) + u32::from(s.transducers)
         })?;
-        let beam = f64::from(index - sensor.first_transducer);
-        let bearing = sensor.first_bearing_rad + beam * sensor.bearing_step_rad;
+        let beam = index - sensor.first_transducer;
+        let bearing = sensor.first_bearing_rad + f64::from(beam) * sensor.bearing_step_rad;
+        let fan = sensor.fan(beam);
         Some(Transducer {
             kind: sensor.kind,
             base_from_transducer: sensor.base_from_sensor * Pose2::new(0.0, 0.0, bearing),
-            aperture_rad: sensor.aperture_rad,
+            aperture_rad: fan.map_or(sensor.aperture_rad, |fan| fan.step_rad.abs()),
             range_min_m: sensor.range_min_m,
             range_max_m: sensor.range_max_m,
             range_error_ratio: sensor.range_error_ratio,
             leaves_gaps: sensor.leaves_gaps(),
+            fan,
         })
     }
 
