@@ -30,7 +30,7 @@ pub struct Settings {
     /// Goes on with the run that is spooled (--spool).
     #[arg(long)]
     pub resume: bool,
-    /// Corrects the poses by what a lidar sees again (SLAM); the map is made when the drive is over.
+    /// Corrects the poses by what a lidar sees, or sonars hear, again (SLAM); the map is made when the drive is over.
     #[arg(long, conflicts_with_all = ["fix", "fix_every"])]
     pub slam: bool,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use echogrid_slam::closures::Standing;
-use echogrid_slam::report::{Evidence, Report};
+use echogrid_slam::report::{By, Evidence, Report};
 use echogrid_slam_service::CLOSURES_FILE;
 
 /// Prints the closures of a folder of maps, or of a file.
@@ -43,14 +43,16 @@ impl fmt::Display for Table<'_> {
         if closures.is_empty() {
             return Ok(());
         }
+        let is_of_sonars = matches!(closures[0].by, By::Echoes { .. });
+        let [a, b, c] = if is_of_sonars { ["nat", "± m", "± °"] } else { ["score", "near", "rms m"] };
         writeln!(
             f,
-            "{:>9} {:>9}  {:>7} {:>6} {:>6}  {:>5} {:>5} {:>5}  {:>5}  what became of it",
-            "place s", "again s", "loop m", "off m", "off °", "score", "near", "rms m", "agree"
+            "{:>9} {:>9}  {:>7} {:>6} {:>6}  {a:>5} {b:>5} {c:>5}  {:>5}  what became of it",
+            "place s", "again s", "loop m", "off m", "off °", "agree"
         )?;
         let first_ns = closures.iter().map(|closure| closure.from_ns).min().unwrap_or(0);
         for closure in closures {
-            let Evidence { from_ns, to_ns, loop_m, off, score, inliers, rms_m, support, .. } = closure;
+            let Evidence { from_ns, to_ns, loop_m, off, by, support, .. } = closure;
             let seconds = |stamp_ns: u64| stamp_ns.saturating_sub(first_ns) as f64 * 1e-9;
             let what = match (closure.standing, closure.slides) {
                 (Standing::Applied, false) => "applied",
@@ -58,18 +60,29 @@ impl fmt::Display for Table<'_> {
                 (Standing::Alone, _) => "not applied: too few agree",
                 (Standing::TakenBack, _) => "taken back: the rest is against it",
             };
+            let by = match by {
+                By::Points { score, inliers, rms_m } => format!("{score:5.2} {inliers:5.2} {rms_m:5.3}"),
+                By::Echoes { evidence_nat, sigma } => {
+                    format!("{evidence_nat:5.2} {:5.2} {:5.1}", sigma.0, sigma.1.to_degrees())
+                }
+            };
             writeln!(
                 f,
-                "{:9.1} {:9.1}  {loop_m:7.1} {:6.2} {:6.1}  {score:5.2} {inliers:5.2} {rms_m:5.3}  {support:5}  {what}",
+                "{:9.1} {:9.1}  {loop_m:7.1} {:6.2} {:6.1}  {by}  {support:5}  {what}",
                 seconds(*from_ns),
                 seconds(*to_ns),
                 off.0,
                 off.1.to_degrees(),
             )?;
         }
+        let by = if is_of_sonars {
+            "nat: how much better a reading fits\nthe place than nothing; ±: how exactly it lies, one standard deviation"
+        } else {
+            "score: share of points on walls;\nnear: with a partner within 10 cm, rms m off its wall"
+        };
         writeln!(
             f,
-            "Seconds since the first place. off: from where it was believed to be. score: share of points on walls;\nnear: with a partner within 10 cm, rms m off its wall. agree: how many other closures do."
+            "Seconds since the first place. off: from where it was believed to be. {by}. agree: how many other closures do."
         )
     }
 }
@@ -82,6 +95,15 @@ pub(crate) fn summary(report: &Report) -> String {
         (all, applied) if all == applied => format!("{applied} closures"),
         (all, applied) => format!("{applied} closures of {all} found"),
     };
+    let unrecognised = report.unrecognised.unwrap_or_default();
+    let no_fit = match unrecognised.no_fit {
+        0 => String::new(),
+        count => format!(", {count} did not fit"),
+    };
+    let few = match unrecognised.too_few {
+        0 => String::new(),
+        count => format!(", {count} of which too little was heard"),
+    };
     let ambiguous = match report.ambiguous {
         0 => String::new(),
         count => format!(", {count} places not told apart"),
@@ -93,5 +115,5 @@ pub(crate) fn summary(report: &Report) -> String {
     let end = report.end_sigma.map_or(String::new(), |[x, y, theta]| {
         format!("; at the end ± {:.2} m, {:.1}°", x.hypot(y), theta.to_degrees())
     });
-    format!("{closures}{ambiguous}{lost}{end}")
+    format!("{closures}{ambiguous}{no_fit}{few}{lost}{end}")
 }

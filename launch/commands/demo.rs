@@ -18,7 +18,7 @@ const DRIVE: &str = "drive.log.gz";
 
 /// What it runs; what the user set has the last word.
 pub(super) fn request(asked: LoadRequest) -> LoadRequest {
-    // SLAM needs a lidar, and asks nobody where the robot is.
+    // SLAM is finest with a lidar, and asks nobody where the robot is.
     let (robot, fix) = if asked.slam { ("laser", None) } else { ("pioneer3at", Some("truth".to_owned())) };
     LoadRequest {
         sensor: Some("simulator".to_owned()),

@@ -225,13 +225,6 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         Robot::try_from(&RobotWire::from(robot)).with_context(|| format!("robot {:?}", robot.name))?;
     }
     // A sonar that the robot does not have, limits that leave a sensor nothing: said before anything is started.
-    if let Some(robot) = robot.filter(|_| config.does_slam()) {
-        ensure!(
-            robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar),
-            "robot {:?} has no lidar, which SLAM needs; without --slam its sonars make a map of the odometry's poses",
-            robot.name
-        );
-    }
     if let Some(robot) = robot {
         let odometry = &config.odometry;
         GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;

@@ -31,7 +31,7 @@ pub struct LoadRequest {
     pub resume: bool,
     /// `--sensor`: the name of a built-in sensor, or an executable.
     pub sensor: Option<String>,
-    /// `--slam`: poses are corrected where a lidar sees the same again.
+    /// `--slam`: poses are corrected where a lidar sees, or sonars hear, the same again.
     pub slam: bool,
     /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`), of a reference path, or a map (`.echogrid`).
     pub fix: Option<String>,

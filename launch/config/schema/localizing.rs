@@ -53,7 +53,7 @@ pub(crate) static ODOMETRY: Section = Section {
 
 pub(crate) static SLAM: Section = Section {
     name: "slam",
-    about: "what builtin:slam does (--slam): poses corrected where a lidar sees the same again",
+    about: "what builtin:slam does (--slam): poses corrected where a lidar sees, or sonars hear, the same again",
     keys: &[
         words(
             "odometry",
@@ -83,6 +83,16 @@ pub(crate) static SLAM: Section = Section {
             "refine_rounds",
             "a whole number from 0 to 10",
             "rounds in which all scans of one place are laid on each other at the end",
+        ),
+        key(
+            "sonar_evidence_nat",
+            "a number from 0.1 to 10",
+            "sonars: by how many nat a reading what was heard must fit a place better than nothing",
+        ),
+        key(
+            "sonar_margin_nat",
+            "a number from 0 to 10",
+            "sonars: by how many nat a reading it must fit worse 0.8 m away; else the place is not told apart, and not taken",
         ),
     ],
     probe: probe::<SlamConfig>,

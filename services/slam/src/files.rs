@@ -7,8 +7,9 @@ use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_formats::localization::write_tum;
 use echogrid_formats::write_whole;
+use echogrid_slam::Drive;
+use echogrid_slam::graph::{Edge, Graph};
 use echogrid_slam::report::Report;
-use echogrid_slam::{Drive, Slam};
 
 /// The corrected path: `t x y z qx qy qz qw`, a pose for every stamp of odometry and scans.
 pub const PATH_FILE: &str = "path.tum";
@@ -20,24 +21,29 @@ pub const CLOSURES_FILE: &str = "closures.json";
 pub const FILES: [&str; 3] = [PATH_FILE, GRAPH_FILE, CLOSURES_FILE];
 
 /// Writes all of them, each whole or not at all.
-pub(crate) fn write(folder: &Path, slam: &Slam, path: &[(u64, Pose2)]) -> Result<()> {
+pub(crate) fn write(folder: &Path, path: &[(u64, Pose2)], graph: &str, report: &Report) -> Result<()> {
     std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     write_tum(&folder.join(PATH_FILE), path.iter().copied())?;
-    write_whole(&folder.join(GRAPH_FILE), g2o(&slam.drive).as_bytes())?;
-    let report = serde_json::to_string_pretty(&Report::of(slam)).context("the closures as JSON")?;
+    write_whole(&folder.join(GRAPH_FILE), graph.as_bytes())?;
+    let report = serde_json::to_string_pretty(report).context("the closures as JSON")?;
     write_whole(&folder.join(CLOSURES_FILE), (report + "\n").as_bytes())?;
     Ok(())
 }
 
-/// The graph as it was solved last (`VERTEX_SE2`, `EDGE_SE2`; Kümmerle et al. 2011).
-fn g2o(drive: &Drive) -> String {
+/// The graph of lidars as it was solved last.
+pub(crate) fn g2o_of(drive: &Drive) -> String {
+    g2o(&drive.graph, if drive.refined.is_empty() { &drive.graph.edges } else { &drive.refined })
+}
+
+/// A graph as text (`VERTEX_SE2`, `EDGE_SE2`; Kümmerle et al. 2011).
+pub(crate) fn g2o(graph: &Graph, edges: &[Edge]) -> String {
     let mut text = String::new();
-    for (node, Pose2 { x, y, theta }) in drive.graph.poses.iter().enumerate() {
+    for (node, Pose2 { x, y, theta }) in graph.poses.iter().enumerate() {
         let _ = writeln!(text, "VERTEX_SE2 {node} {x:.9} {y:.9} {theta:.9}");
     }
     let _ = writeln!(text, "FIX 0");
-    for edge in if drive.refined.is_empty() { &drive.graph.edges } else { &drive.refined } {
-        let Pose2 { x, y, theta } = edge.expected(drive.graph.scales);
+    for edge in edges {
+        let Pose2 { x, y, theta } = edge.expected(graph.scales);
         let [[a, b, c], [_, d, e], [_, _, f]] = edge.information;
         let (from, to) = (edge.from, edge.to);
         let _ = writeln!(text, "EDGE_SE2 {from} {to} {x:.9} {y:.9} {theta:.9} {a:e} {b:e} {c:e} {d:e} {e:e} {f:e}");

@@ -15,6 +15,11 @@ impl History {
         self.poses.is_empty()
     }
 
+    /// Where it began, and when.
+    pub(crate) fn first(&self) -> Option<(u64, Pose2)> {
+        self.poses.first().copied()
+    }
+
     /// Adds the next pose; one that runs backwards in time is dropped.
     pub(crate) fn push(&mut self, stamp_ns: u64, pose: Pose2) {
         if self.poses.last().is_none_or(|(last_ns, _)| stamp_ns >= *last_ns) {

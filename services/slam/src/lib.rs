@@ -1,11 +1,13 @@
-//! SLAM in the place of the odometry: raw odometry and lidar scans in, corrected pose estimates out.
+//! SLAM in the place of the odometry: raw odometry and what lidars see, or sonars hear, in; corrected pose estimates out.
 //!
 //! Where a closure shows that the robot is where it was before, poses of the past are others than they were believed to be. So the
 //! estimates go out when the drive is over, all but the first, and the mapper makes the map at once of the final poses: what it makes
-//! has the bytes of mapping the log from scratch with them.
+//! has the bytes of mapping the log from scratch with them. A robot with a lidar is corrected by that, one without by its sonars; where
+//! sonars recognise nothing, the estimates are those of the odometry.
 
 mod files;
 mod history;
+mod sonars;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -14,13 +16,16 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    DrivePose, Estimate, Incidents, JointCovariance, Leaps, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
+    DrivePose, Estimate, Incidents, JointCovariance, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading,
+    Robot, SensorKind,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
+use echogrid_slam::report::Report;
 use echogrid_slam::{Drive, Points, Slam, SlamConfig};
 use echogrid_topics::{Message, PoseEstimate, RawOdometry, Topic};
 use history::History;
 use serde::{Deserialize, Serialize};
+use sonars::Sonars;
 
 pub use files::{CLOSURES_FILE, FILES, GRAPH_FILE, PATH_FILE};
 
@@ -60,12 +65,15 @@ struct State {
     history: History,
     waiting: VecDeque<Scan>,
     drive: Drive,
+    /// Whether the first estimate was told.
+    has_told: bool,
 }
 
 /// The SLAM service.
 #[derive(Debug)]
 pub struct SlamService {
     slam: Slam,
+    sonars: Sonars,
     state: State,
     /// Where the files go; none in tests.
     out: Option<PathBuf>,
@@ -82,9 +90,15 @@ impl SlamService {
     ///
     /// # Errors
     /// A value is out of range.
-    pub fn new(config: &SlamConfig, odometry: &OdometryConfig, out: Option<PathBuf>) -> Result<Self> {
+    pub fn new(
+        config: &SlamConfig,
+        odometry: &OdometryConfig,
+        mapper: &MapperConfig,
+        out: Option<PathBuf>,
+    ) -> Result<Self> {
         config.validate().context("[slam]")?;
         odometry.validate().context("[odometry]")?;
+        mapper.validate().context("[mapper]")?;
         let state = State {
             robot: None,
             odometry: Odometry::new(odometry),
@@ -93,8 +107,10 @@ impl SlamService {
             history: History::default(),
             waiting: VecDeque::new(),
             drive: Drive::default(),
+            has_told: false,
         };
-        Ok(Self { slam: Slam::new(config, odometry), state, out })
+        let sonars = Sonars::new(config, odometry, mapper);
+        Ok(Self { slam: Slam::new(config, odometry), sonars, state, out })
     }
 
     /// From the plan of a run.
@@ -103,7 +119,7 @@ impl SlamService {
     /// A section is missing or wrong.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
-        Self::new(&plan.section("slam")?, &plan.section("odometry")?, Some(run.out))
+        Self::new(&plan.section("slam")?, &plan.section("odometry")?, &plan.section("mapper")?, Some(run.out))
     }
 
     fn moved(&mut self, stamp_ns: u64, raw: &RawOdometry, out: &mut Outbox) {
@@ -111,20 +127,33 @@ impl SlamService {
         if !odom_from_base.is_finite() {
             return;
         }
+        let driven = DrivePose { stamp_ns, odom_from_base, v_mps, w_radps };
         let state = &mut self.state;
-        let estimate = match state.leaps.next(DrivePose { stamp_ns, odom_from_base, v_mps, w_radps }) {
+        let estimate = match state.leaps.next(driven) {
             Some(leap) => {
                 state.leapt.add(stamp_ns, leap.length_m, leap.turn_rad);
+                self.sonars.leapt(&leap);
                 state.odometry.leapt(odom_from_base, &leap)
             }
             None => state.odometry.step(odom_from_base),
         };
-        let is_first = state.history.is_empty();
+        self.sonars.moved(driven);
         state.history.push(stamp_ns, estimate.pose);
-        if is_first {
-            out.send(stamp_ns, Message::Estimate(told(estimate.pose, 0.0, self.state.leapt)));
-        }
+        self.tell_first(out);
         self.take_bracketed();
+    }
+
+    /// Tells the first estimate, once it is known who drives. (That something comes shows that the service works.)
+    fn tell_first(&mut self, out: &mut Outbox) {
+        let Some((robot, (stamp_ns, pose))) = self.state.robot.as_ref().zip(self.state.history.first()) else { return };
+        if !std::mem::replace(&mut self.state.has_told, true) {
+            let first = if has_lidar(robot) {
+                told(pose, 0.0, self.state.leapt)
+            } else {
+                PoseEstimate::plain(Estimate::certain(pose), 1.0, 0.0)
+            };
+            out.send(stamp_ns, Message::Estimate(first));
+        }
     }
 
     /// Takes every waiting scan whose poses are known by now.
@@ -135,14 +164,16 @@ impl SlamService {
             let history = &mut self.state.history;
             let Some((robot, pose)) = self.state.robot.as_ref().zip(history.at(scan.stamp_ns)) else { continue };
             history.scanned(scan.stamp_ns);
+            let at = |offset_ns: i32| history.at(scan.stamp_ns.saturating_add_signed(i64::from(offset_ns)));
+            if !has_lidar(robot) {
+                self.sonars.heard(robot, scan.stamp_ns, pose, &scan.readings, at);
+                continue;
+            }
             if !self.slam.wants(pose) {
                 continue;
             }
             // Where the robot was when a beam was measured, seen from where it was at the stamp.
-            let moved = |offset_ns: i32| {
-                let at = history.at(scan.stamp_ns.saturating_add_signed(i64::from(offset_ns)));
-                at.map_or(Pose2::IDENTITY, |at| pose.inverse() * at)
-            };
+            let moved = |offset_ns: i32| at(offset_ns).map_or(Pose2::IDENTITY, |at| pose.inverse() * at);
             let points = Points::of(robot, &scan.readings, moved);
             self.slam.add(scan.stamp_ns, pose, points);
         }
@@ -154,19 +185,41 @@ impl SlamService {
         if self.state.history.is_empty() {
             return Ok(());
         }
+        let odom = self.state.history.with_scans();
+        if let Some(robot) = self.state.robot.as_ref().filter(|robot| !has_lidar(robot)) {
+            let found = self.sonars.solved(robot, &odom);
+            if let Some(folder) = &self.out {
+                files::write(folder, &found.path(), &found.graph, &found.report)?;
+            }
+            tell(&found.estimates, self.state.leapt, out);
+            return Ok(());
+        }
         self.slam.finish();
-        let path = self.slam.drive.path(&self.state.history.with_scans());
+        let path = self.slam.drive.path(&odom);
         if let Some(folder) = &self.out {
-            files::write(folder, &self.slam, &path)?;
+            files::write(folder, &path, &files::g2o_of(&self.slam.drive), &Report::of(&self.slam))?;
         }
-        let mut distance_m = 0.0;
-        for pair in path.windows(2) {
-            let [(_, before), (stamp_ns, pose)] = pair else { continue };
-            distance_m += before.distance_m(*pose);
-            out.send(*stamp_ns, Message::Estimate(told(*pose, distance_m, self.state.leapt)));
-        }
+        let estimates: Vec<(u64, Estimate)> =
+            path.iter().map(|(stamp_ns, pose)| (*stamp_ns, told(*pose, 0.0, self.state.leapt).estimate)).collect();
+        tell(&estimates, self.state.leapt, out);
         Ok(())
     }
+}
+
+/// Tells the estimates of a drive, but for the first, which was told when it began.
+fn tell(estimates: &[(u64, Estimate)], leaps: Incidents, out: &mut Outbox) {
+    let mut distance_m = 0.0;
+    for pair in estimates.windows(2) {
+        let [(_, before), (stamp_ns, estimate)] = pair else { continue };
+        distance_m += before.pose.distance_m(estimate.pose);
+        let plain = PoseEstimate::plain(*estimate, 1.0, distance_m);
+        out.send(*stamp_ns, Message::Estimate(PoseEstimate { leaps, ..plain }));
+    }
+}
+
+/// Whether SLAM goes by a lidar of this robot, not by its sonars.
+fn has_lidar(robot: &Robot) -> bool {
+    robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar)
 }
 
 /// A pose as it is told.
@@ -195,9 +248,9 @@ impl Service for SlamService {
     fn step(&mut self, input: Input, out: &mut Outbox) -> Result<()> {
         match input {
             Input::Message { message: Message::Robot(robot), .. } => {
-                let has_lidar = robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar);
-                ensure!(has_lidar, "robot {:?} has no lidar, which SLAM needs", robot.name);
+                ensure!(!robot.sensors.is_empty(), "robot {:?} has no sensor, and SLAM needs one", robot.name);
                 self.state.robot.get_or_insert(robot);
+                self.tell_first(out);
             }
             Input::Message { stamp_ns, message: Message::Odometry(raw), .. } => self.moved(stamp_ns, &raw, out),
             Input::Message { stamp_ns, message: Message::Scan(readings), .. } => {
@@ -215,11 +268,13 @@ impl Service for SlamService {
         std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
         parts.put_value(STATE, &self.state);
         std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
+        self.sonars.save(parts);
     }
 
     fn restore(&mut self, saved: &Saved) -> Result<()> {
         self.state = saved.value(STATE)?;
         self.slam.drive = std::mem::take(&mut self.state.drive);
+        self.sonars.restore(saved)?;
         Ok(())
     }
 }

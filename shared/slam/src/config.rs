@@ -33,6 +33,10 @@ pub struct SlamConfig {
     pub closure_margin: f64,
     /// Rounds in which all scans of one place are laid on each other at the end; 0: none.
     pub refine_rounds: u32,
+    /// Of sonars: how much better the readings of the last metres must fit a place than nothing, nat a reading.
+    pub sonar_evidence_nat: f64,
+    /// Of sonars: how much worse they must fit elsewhere in the place, nat a reading.
+    pub sonar_margin_nat: f64,
 }
 
 impl Default for SlamConfig {
@@ -46,6 +50,8 @@ impl Default for SlamConfig {
             closure_score_min: 0.62,
             closure_margin: 0.05,
             refine_rounds: 3,
+            sonar_evidence_nat: 0.8,
+            sonar_margin_nat: 0.6,
         }
     }
 }
@@ -66,6 +72,8 @@ impl SlamConfig {
         within("closure_every_m", self.closure_every_m, 0.1, 100.0, "metres, 0.1 to 100")?;
         within("closure_score_min", self.closure_score_min, 0.3, 1.0, "a share, 0.3 to 1")?;
         within("closure_margin", self.closure_margin, 0.0, 0.5, "a difference of shares, 0 to 0.5")?;
-        within("refine_rounds", f64::from(self.refine_rounds), 0.0, 10.0, "rounds, 0 to 10")
+        within("refine_rounds", f64::from(self.refine_rounds), 0.0, 10.0, "rounds, 0 to 10")?;
+        within("sonar_evidence_nat", self.sonar_evidence_nat, 0.1, 10.0, "nat a reading, 0.1 to 10")?;
+        within("sonar_margin_nat", self.sonar_margin_nat, 0.0, 10.0, "nat a reading, 0 to 10")
     }
 }

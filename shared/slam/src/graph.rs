@@ -256,11 +256,49 @@ impl Solver {
         }
     }
 
+    /// What is known of the poses as they are.
+    #[must_use]
+    pub fn marginals<'a>(&'a self, graph: &'a Graph) -> Marginals<'a> {
+        Marginals { factors: self.linearised(graph, 1.0).0.factor(), graph }
+    }
+
     /// Covariances of poses at the solution: of (x, y, θ) in the frame of the map.
     #[must_use]
     pub fn covariances(&self, graph: &Graph, nodes: impl IntoIterator<Item = usize>) -> Vec<Matrix> {
         let factors: Factors<'_> = self.linearised(graph, 1.0).0.factor();
         nodes.into_iter().map(|node| factors.covariance(node)).collect()
+    }
+}
+
+/// What is known of the poses of a graph as it is.
+#[derive(Debug)]
+pub struct Marginals<'a> {
+    factors: Factors<'a>,
+    graph: &'a Graph,
+}
+
+impl Marginals<'_> {
+    /// The covariance of how node `to` lies, seen from node `from`: of (x, y, θ) in the frame of `from`.
+    #[must_use]
+    pub fn relative(&self, from: usize, to: usize) -> Matrix {
+        let [of_from, of_to] = [from, to].map(|node| self.factors.columns(node));
+        let block = |columns: &[Vec<Vector>; 3], row: usize| -> Matrix {
+            core::array::from_fn(|i| core::array::from_fn(|j| columns[j][row][i]))
+        };
+        let (a, b) = (self.graph.poses[from], self.graph.poses[to]);
+        let (s, c) = libm::sincos(a.theta);
+        let (dx, dy) = (b.x - a.x, b.y - a.y);
+        let by_from = [[-c, -s, -s * dx + c * dy], [s, -c, -c * dx - s * dy], [0.0, 0.0, -1.0]];
+        let by_to = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
+        let through = |left: &Matrix, of: Matrix, right: &Matrix| {
+            matrix::product(&matrix::product(left, &of), &matrix::transpose(right))
+        };
+        let crossed = through(&by_from, block(&of_to, from), &by_to);
+        let own = matrix::sum(
+            &through(&by_from, block(&of_from, from), &by_from),
+            &through(&by_to, block(&of_to, to), &by_to),
+        );
+        matrix::symmetric(&matrix::sum(&own, &matrix::sum(&crossed, &matrix::transpose(&crossed))))
     }
 }
 

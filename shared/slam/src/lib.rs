@@ -20,6 +20,7 @@ pub mod report;
 pub mod scan;
 pub mod slam;
 pub mod solver;
+pub mod sonar;
 
 pub use config::{SlamConfig, UseOdometry};
 pub use scan::Points;

@@ -18,12 +18,26 @@ pub struct Report {
     pub places_tried: u64,
     /// Places that looked alike, but could not be told apart from others.
     pub ambiguous: u64,
+    /// Of sonars: why places were not recognised that may have been near.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unrecognised: Option<Unrecognised>,
     /// What the odometry measured too much, as a share: of translation, of rotation.
     pub scales: [f64; 2],
     /// The pose at the end, one standard deviation in the frame of the map: x and y in metres, heading in radians. None without a pose.
     pub end_sigma: Option<[f64; 3]>,
     /// Every closure, in the order in which they were found.
     pub closures: Vec<Evidence>,
+}
+
+/// How often a place was not recognised that may have been near, and why.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Unrecognised {
+    /// Too little was heard, then or now.
+    pub too_few: u64,
+    /// What was heard did not fit.
+    pub no_fit: u64,
+    /// It fitted elsewhere nearly as well.
+    pub ambiguous: u64,
 }
 
 /// A closure with its evidence.
@@ -41,16 +55,35 @@ pub struct Evidence {
     pub loop_m: f64,
     /// By how much the place was off where it was believed to be, metres and radians.
     pub off: (f64, f64),
-    /// The share of points that lie on walls.
-    pub score: f64,
-    /// The share of points with a partner within 10 cm.
-    pub inliers: f64,
-    /// How far they lie off the walls, metres.
-    pub rms_m: f64,
+    /// By what it was recognised.
+    #[serde(flatten)]
+    pub by: By,
     /// Whether it says nothing along a corridor.
     pub slides: bool,
     /// How many other closures agree with it.
     pub support: u32,
+}
+
+/// By what a place was recognised.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum By {
+    /// A lidar.
+    Points {
+        /// The share of points that lie on walls.
+        score: f64,
+        /// The share of points with a partner within 10 cm.
+        inliers: f64,
+        /// How far they lie off the walls, metres.
+        rms_m: f64,
+    },
+    /// Sonars.
+    Echoes {
+        /// How much better the readings fit the place than nothing, nat a reading.
+        evidence_nat: f64,
+        /// How exactly they tell how the robot lies: along the less exact axis, and of heading; one standard deviation, metres and radians.
+        sigma: (f64, f64),
+    },
 }
 
 impl Report {
@@ -66,9 +99,7 @@ impl Report {
             standing: closure.standing,
             loop_m: closure.loop_m,
             off: closure.off,
-            score: closure.score,
-            inliers: closure.inliers,
-            rms_m: closure.rms_m,
+            by: By::Points { score: closure.score, inliers: closure.inliers, rms_m: closure.rms_m },
             slides: closure.slides.is_some(),
             support: closure.support,
         });
@@ -78,6 +109,7 @@ impl Report {
             way_m: drive.nodes.last().map_or(0.0, |node| node.way_m),
             places_tried: drive.tries,
             ambiguous: drive.ambiguous,
+            unrecognised: None,
             scales: drive.graph.scales,
             end_sigma: slam.doubt_at_the_end().map(|c| [c[0][0].sqrt(), c[1][1].sqrt(), c[2][2].sqrt()]),
             closures: evidence.collect(),

@@ -221,6 +221,16 @@ impl Factors<'_> {
         x
     }
 
+    /// The three columns of A⁻¹ of a variable.
+    #[must_use]
+    pub fn columns(&self, variable: usize) -> [Vec<Vector>; 3] {
+        [0, 1, 2].map(|column| {
+            let mut right = vec![[0.0; 3]; self.structure.order.len()];
+            right[variable][column] = 1.0;
+            self.solve(&right)
+        })
+    }
+
     /// The diagonal block of A⁻¹ of a variable: its covariance, where A is the information.
     #[must_use]
     pub fn covariance(&self, variable: usize) -> Matrix {

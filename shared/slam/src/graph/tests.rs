@@ -136,3 +136,29 @@ proptest! {
         }
     }
 }
+
+/// Seen from the middle of a chain, the end is as doubtful as the steps between; what lies before adds nothing.
+#[test]
+fn how_one_pose_lies_seen_from_another_is_known_by_the_way_between() {
+    let mut graph = square();
+    graph.edges = (1..41).map(|node| edge(&graph, node - 1, node, Kind::Match)).collect();
+    let solver = Solver::new(&graph);
+    let marginals = solver.marginals(&graph);
+    // The covariance of a step is told at its end; that of the relative pose in the frame that it is seen from.
+    let step = matrix::diagonal([1.0 / 400.0, 1.0 / 400.0, 1.0 / 4000.0]);
+    for from in [0, 7, 31] {
+        let (mut expected, mut pose) = (matrix::ZERO, Pose2::IDENTITY);
+        for node in from..from + 6 {
+            let next = pose * (graph.poses[node].inverse() * graph.poses[node + 1]);
+            let (dx, dy) = (next.x - pose.x, next.y - pose.y);
+            let carry = [[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]];
+            let carried = matrix::product(&matrix::product(&carry, &expected), &matrix::transpose(&carry));
+            expected = matrix::sum(&carried, &matrix::turned(&step, next.theta));
+            pose = next;
+        }
+        let found = marginals.relative(from, from + 6);
+        for (line, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((line - expected).abs() < 1e-5, "{found:?} {expected:?}");
+        }
+    }
+}

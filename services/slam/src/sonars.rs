@@ -1,0 +1,117 @@
+//! The drive of a robot that has sonars alone: all that was heard waits until it is over.
+
+use echogrid_core::parts::{Parts, Saved, SavedError};
+use echogrid_core::{
+    DrivePose, Estimate, Leap, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
+};
+use echogrid_slam::SlamConfig;
+use echogrid_slam::report::Report;
+use echogrid_slam::sonar::{self, Heard, Ring, SonarSlam};
+use serde::{Deserialize, Serialize};
+
+use crate::files;
+
+/// Under what it is saved, whole: who is followed by others keeps several states, each by itself.
+const PART: &str = "sonars";
+/// Where the robot may be at most after a leap is two standard deviations away.
+const REACH_SIGMAS: f64 = 2.0;
+
+/// What of a drive waits for its end.
+#[derive(Debug)]
+pub(crate) struct Sonars {
+    slam: SlamConfig,
+    odometry: OdometryConfig,
+    mapper: MapperConfig,
+    state: State,
+}
+
+/// What the messages so far have come to.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct State {
+    /// All poses of the odometry as they came.
+    driven: Vec<DrivePose>,
+    drive: sonar::Drive,
+    /// What leaps have left open so far: variances, m² and rad².
+    left_open: [f64; 2],
+}
+
+/// What came of a drive.
+#[derive(Debug)]
+pub(crate) struct Found {
+    pub(crate) estimates: Vec<(u64, Estimate)>,
+    pub(crate) graph: String,
+    pub(crate) report: Report,
+}
+
+impl Found {
+    pub(crate) fn path(&self) -> Vec<(u64, Pose2)> {
+        self.estimates.iter().map(|(stamp_ns, estimate)| (*stamp_ns, estimate.pose)).collect()
+    }
+}
+
+impl Sonars {
+    pub(crate) fn new(slam: &SlamConfig, odometry: &OdometryConfig, mapper: &MapperConfig) -> Self {
+        let (slam, odometry, mapper) = (slam.clone(), odometry.clone(), mapper.clone());
+        Self { slam, odometry, mapper, state: State::default() }
+    }
+
+    pub(crate) fn moved(&mut self, pose: DrivePose) {
+        self.state.driven.push(pose);
+    }
+
+    pub(crate) fn leapt(&mut self, leap: &Leap) {
+        for (open, reach) in self.state.left_open.iter_mut().zip([leap.reach_m, leap.reach_rad]) {
+            *open += reach * reach / (REACH_SIGMAS * REACH_SIGMAS);
+        }
+    }
+
+    /// Takes what the sonars said at a stamp; `at` says where the robot was so many nanoseconds later.
+    pub(crate) fn heard(
+        &mut self,
+        robot: &Robot,
+        stamp_ns: u64,
+        odom_from_base: Pose2,
+        readings: &[Reading],
+        at: impl Fn(i32) -> Option<Pose2>,
+    ) {
+        let of = |reading: &Reading| {
+            let is_sonar = robot.transducer(reading.transducer)?.kind == SensorKind::Sonar;
+            let odom_from_base = at(reading.offset_ns).filter(|_| is_sonar)?;
+            Some(Heard { reading: *reading, odom_from_base })
+        };
+        let heard = readings.iter().filter_map(of).collect();
+        self.state.drive.add(Ring { stamp_ns, odom_from_base, left_open: self.state.left_open, heard });
+    }
+
+    /// The drive, corrected by what was heard again; `odom` are the stamps of which poses are told. Where nothing was recognised, the
+    /// estimates are those of the odometry, as it tells them without SLAM.
+    pub(crate) fn solved(&self, robot: &Robot, odom: &[(u64, Pose2)]) -> Found {
+        let mut slam = SonarSlam::new(&self.slam, &self.mapper, &self.odometry, robot, &self.state.drive);
+        slam.finish();
+        let estimates = if slam.is_corrected() { slam.estimates(odom) } else { self.as_driven() };
+        let way_m = estimates.windows(2).map(|pair| pair[0].1.pose.distance_m(pair[1].1.pose)).sum();
+        let graph = slam.graph();
+        Found { estimates, graph: files::g2o(graph, &graph.edges), report: slam.report(way_m) }
+    }
+
+    fn as_driven(&self) -> Vec<(u64, Estimate)> {
+        let (mut odometry, mut leaps) = (Odometry::new(&self.odometry), Leaps::default());
+        let step = |pose: &DrivePose| {
+            let estimate = match leaps.next(*pose) {
+                Some(leap) => odometry.leapt(pose.odom_from_base, &leap),
+                None => odometry.step(pose.odom_from_base),
+            };
+            (pose.stamp_ns, estimate)
+        };
+        self.state.driven.iter().map(step).collect()
+    }
+
+    pub(crate) fn save(&self, parts: &mut Parts) {
+        parts.put_value(PART, &self.state);
+    }
+
+    pub(crate) fn restore(&mut self, saved: &Saved) -> Result<(), SavedError> {
+        self.state = saved.value(PART)?;
+        Ok(())
+    }
+}
