@@ -67,8 +67,9 @@ pub fn foretell(
         if begins.next_if(|begin| *begin <= place).is_some() {
             grid = Grid::new(config.resolution_m);
         }
-        let at = |channels: &[Option<Channel>]| channels.get(usize::from(kept.reading.transducer)).copied().flatten();
-        let (Some(channel), Some(was)) = (at(&channels), at(&of_drive)) else { continue };
+        let transducer = usize::from(kept.reading.transducer);
+        let [channel, was] = [&channels, &of_drive].map(|all| all.get(transducer).and_then(Option::as_ref));
+        let (Some(channel), Some(was)) = (channel, was) else { continue };
         if channel.sonar.is_none() || kept.verdict != Verdict::Accepted {
             continue;
         }
@@ -116,7 +117,7 @@ impl Crystal {
 
     /// ln p(z | an echo) of a reading by the map so far. `bins` is room.
     fn ask(&self, grid: &Grid, sounding: &Sounding<'_>, cone: &OrientedCone, range_m: f64, bins: &mut Vec<f64>) -> f64 {
-        let Channel { min_range_m, max_range_m, .. } = sounding.channel;
+        let Channel { min_range_m, max_range_m, .. } = *sounding.channel;
         let max_range_m = max_range_m.min(cone.reading.range_cap_m);
         self.look(grid, sounding, cone, max_range_m, bins);
         let (sigma_m, clutter) = (cone.reading.sigma_z_m, cone.reading.clutter / cone.reading.range_cap_m);
