@@ -12,6 +12,9 @@ use crate::verdict::Verdict;
 /// A reading that the filters let pass, with how much of it was new if that was told when it was fused before; or why it is refused.
 pub(crate) type Judged<'a> = Result<(Sounding<'a>, Option<f64>), Verdict>;
 
+/// So many are fused together at most: what is kept of them meanwhile is small enough for the allocator to have it at hand.
+pub(crate) const RUN_MAX: usize = 120;
+
 impl GridMapper {
     /// How many of these readings, from the first on, can be fused together; at least one if there is any.
     pub(super) fn run_of(&self, scan: &[(Reading, Option<Estimate>)]) -> usize {
@@ -19,7 +22,7 @@ impl GridMapper {
             [a, b] => self.are_together(a.0.transducer, b.0.transducer) && a.1 == b.1,
             _ => false,
         };
-        scan.len().min(1) + scan.windows(2).take_while(|pair| joins(pair)).count()
+        scan.len().min(1) + scan.windows(2).take(RUN_MAX - 1).take_while(|pair| joins(pair)).count()
     }
 
     /// Whether the beam of one transducer comes after that of another among those that stand side by side.

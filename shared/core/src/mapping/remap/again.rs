@@ -7,6 +7,7 @@ use super::verdict_of;
 use crate::kept::KeptReading;
 use crate::mapping::GridMapper;
 use crate::mapping::locate::locate;
+use crate::mapping::run::RUN_MAX;
 use crate::odometry::Estimate;
 use crate::verdict::Verdict;
 
@@ -20,7 +21,7 @@ impl GridMapper {
             }
             _ => false,
         };
-        1 + readings.windows(2).take_while(|pair| joins(pair)).count()
+        1 + readings.windows(2).take(RUN_MAX - 1).take_while(|pair| joins(pair)).count()
     }
 
     /// Fuses them again; what came of it where that is something else.
