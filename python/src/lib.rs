@@ -103,6 +103,9 @@ fn robot(name: &str, length_m: f64, width_m: f64, sensors: Vec<SensorTuple>) -> 
 }
 
 /// Where the robot is, and how far that can be trusted.
+// Python's allocator aligns to 16 bytes, and no class of pyo3 may need more.
+const _: () = assert!(align_of::<PyEstimate>() <= 16 && align_of::<PyOdometry>() <= 16 && align_of::<PyMapper>() <= 16);
+
 #[pyclass(frozen, name = "Estimate", module = "echogrid")]
 struct PyEstimate(Estimate);
 

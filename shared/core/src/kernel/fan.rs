@@ -40,7 +40,8 @@ pub struct FanKernel {
     curves: Curves,
     /// The peak of region I that `curves.artanh` is for.
     p_free: f64,
-    wedge: Wedge,
+    // By itself, so that its alignment is not that of all mappers: who keeps one need not be able to align so (Python).
+    wedge: Box<Wedge>,
     scratch: FanScratch,
     pub(super) width: Width,
 }
@@ -156,7 +157,7 @@ impl FanKernel {
             limits: Limits { prior: log_odds_prior as f32, max: log_odds_max as f32 },
             curves: Curves { atan, angle, short_angle: shortened(&angle), artanh: None },
             p_free: f64::NAN,
-            wedge: Wedge::default(),
+            wedge: Box::default(),
             scratch: FanScratch::default(),
             width: Width::of_this_processor(),
         }
