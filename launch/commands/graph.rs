@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::config::Poses;
 use echogrid_core::localization::Choice;
-use echogrid_core::{GridMapper, Robot, SensorKind};
+use echogrid_core::{GridMapper, Robot, SensorKind, Verdict};
 use echogrid_formats::localization::{Landmarks, ReferencePath, Sightings};
 use echogrid_formats::log::{self, LogSurvey};
 use echogrid_formats::map::readings::READINGS_FILE;
@@ -21,8 +21,8 @@ use echogrid_pioneer::Pioneer;
 use echogrid_publisher::SONARS_FILE;
 use echogrid_service::Plan;
 use echogrid_simulator::Simulator;
-use echogrid_topics::Domain;
 use echogrid_topics::contract::{MAX_SENSORS, RobotWire};
+use echogrid_topics::{Domain, MapInfo};
 
 use super::live::{Watch, Watched};
 use super::spool::Spool;
@@ -193,7 +193,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     let mut summary = Summary::of(&outcome, source(config), first_ns, config.mapper.resolution_m);
     // Stopped when all of it was in the map, it was not stopped before its end.
     let is_whole = |survey: &LogSurvey| (summary.scans, summary.odometry) == (survey.scan_count, survey.odometry_count);
-    summary.stopped &= !survey.as_ref().is_some_and(is_whole);
+    // What the mapper took in without ever hearing where the robot was is not in the map.
+    let lacks_poses = |map: &MapInfo| map.verdicts.get(Verdict::NoPose) * 100 > map.verdicts.total();
+    summary.stopped &= !survey.as_ref().is_some_and(is_whole) || outcome.map.as_ref().is_some_and(lacks_poses);
     summary.log_faults = survey.as_ref().map(remarks).unwrap_or_default();
     summary.log_faults.extend(of_its_run(loaded.run_settings()));
     summary.log_faults.extend(survey.as_ref().and_then(|survey| suggestion(survey, config.odometry.poses)));

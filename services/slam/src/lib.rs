@@ -191,7 +191,7 @@ impl SlamService {
             if let Some(folder) = &self.out {
                 files::write(folder, &found.path(), &found.graph, &found.report)?;
             }
-            tell(&found.estimates, self.state.leapt, out);
+            tell(&found.estimates, |estimate| self.sonars.trust(robot, estimate), self.state.leapt, out);
             return Ok(());
         }
         self.slam.finish();
@@ -201,18 +201,18 @@ impl SlamService {
         }
         let estimates: Vec<(u64, Estimate)> =
             path.iter().map(|(stamp_ns, pose)| (*stamp_ns, told(*pose, 0.0, self.state.leapt).estimate)).collect();
-        tell(&estimates, self.state.leapt, out);
+        tell(&estimates, |_| 1.0, self.state.leapt, out);
         Ok(())
     }
 }
 
-/// Tells the estimates of a drive, but for the first, which was told when it began.
-fn tell(estimates: &[(u64, Estimate)], leaps: Incidents, out: &mut Outbox) {
+/// Tells the estimates of a drive, and how far each can be trusted, but for the first, which was told when it began.
+fn tell(estimates: &[(u64, Estimate)], trust: impl Fn(&Estimate) -> f64, leaps: Incidents, out: &mut Outbox) {
     let mut distance_m = 0.0;
     for pair in estimates.windows(2) {
         let [(_, before), (stamp_ns, estimate)] = pair else { continue };
         distance_m += before.pose.distance_m(estimate.pose);
-        let plain = PoseEstimate::plain(*estimate, 1.0, distance_m);
+        let plain = PoseEstimate::plain(*estimate, trust(estimate), distance_m);
         out.send(*stamp_ns, Message::Estimate(PoseEstimate { leaps, ..plain }));
     }
 }

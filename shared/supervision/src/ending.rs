@@ -16,6 +16,8 @@ const LEAVE_AFTER_FAILURE: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub(crate) struct Ending {
     pub(crate) asked: Instant,
+    /// When somebody was last seen to wait for what one upstream is still working on.
+    pub(crate) worked: Option<Instant>,
     /// What all may take from one step forward to the next.
     pub(crate) within: Duration,
     pub(crate) deadline: Instant,
@@ -49,7 +51,7 @@ impl<P: Process> Supervision<P> {
             self.winding_down.get_or_insert(0);
         }
         let (asked, deadline) = (self.now, self.now + within);
-        self.ending.get_or_insert(Ending { asked, within, deadline, pressed: 0 });
+        self.ending.get_or_insert(Ending { asked, worked: None, within, deadline, pressed: 0 });
     }
 
     /// After a failure a spooled run is to be resumed: nobody is to think that a stream has ended, and those that are not
@@ -80,7 +82,8 @@ impl<P: Process> Supervision<P> {
             return;
         };
         let sensor_runs = self.units.iter().any(|unit| unit.is_source() && unit.is_running());
-        if sensor_runs || self.now.saturating_duration_since(ending.asked) < LEAVE_WITHIN {
+        let since = ending.worked.unwrap_or(ending.asked);
+        if sensor_runs || self.now.saturating_duration_since(since) < LEAVE_WITHIN {
             return;
         }
         // Who only gives on what comes to it is through with it soon; those that make something of it may be slow. Whoever answers those
@@ -98,8 +101,29 @@ impl<P: Process> Supervision<P> {
                 if asking.is_empty() { answering.into_iter().map(|unit| unit.name.clone()).collect() } else { asking }
             }
         };
+        // Who has nothing to do until one upstream is through with its work (SLAM, at the end) is not the one that is slow: asked now, it
+        // would leave without what that comes to.
+        if self.units.iter().any(|unit| next.contains(&unit.name) && self.waits_for_work(unit)) {
+            let now = self.now;
+            self.ending.iter_mut().for_each(|ending| ending.worked = Some(now));
+            return;
+        }
         let here = self.units.iter_mut().filter(|unit| unit.is_here() && next.contains(&unit.name));
         here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Life::ask_once);
+    }
+
+    /// Whether a service waits for a stream of one upstream that is no sensor, and waits for nobody itself.
+    fn waits_for_work(&self, of: &Unit<P>) -> bool {
+        let waits_for = |unit: &Unit<P>| unit.alive().and_then(|life| Some(life.health.as_ref()?.waits_for));
+        let Some(Some(topic)) = waits_for(of) else { return false };
+        let writers = self.writers.get(topic.name()).map_or(&[][..], Vec::as_slice);
+        self.units.iter().any(|unit| {
+            writers.contains(&unit.name)
+                && !unit.is_source()
+                && unit.place.rank < of.place.rank
+                && unit.is_here()
+                && waits_for(unit) == Some(None)
+        })
     }
 
     /// Those upstream of a service that read what it writes: they ask, and it answers.
@@ -119,7 +143,7 @@ impl<P: Process> Supervision<P> {
             return;
         }
         let (asked, within) = (self.now, LEAVE_WITHIN);
-        self.ending.get_or_insert(Ending { asked, within, deadline: asked + within, pressed: 0 });
+        self.ending.get_or_insert(Ending { asked, worked: None, within, deadline: asked + within, pressed: 0 });
         for unit in self.units.iter_mut().filter(|unit| matches!(unit.stage, Stage::Waiting(_))) {
             unit.stage = Stage::Lost;
         }

@@ -217,7 +217,7 @@ impl<P: Process> Supervision<P> {
         if std::mem::replace(&mut self.stopped, true) {
             self.abandoned = true;
             let (asked, within) = (self.now, Duration::ZERO);
-            self.ending = Some(Ending { asked, within, deadline: asked, pressed: 2 });
+            self.ending = Some(Ending { asked, worked: None, within, deadline: asked, pressed: 2 });
         } else {
             self.end(LEAVE_WITHIN);
         }

@@ -178,3 +178,33 @@ fn who_answers_is_asked_to_leave_after_those_who_ask() {
         ends(&mut graph, &system, leaves as usize, End::Code(0));
     }
 }
+
+/// SLAM with sonars works on when the drive is over; the mapper has nothing until then.
+#[test]
+fn who_waits_for_what_is_still_worked_on_is_not_asked_to_leave_before() {
+    let (mut graph, system) = graph(SupervisionConfig::default());
+    graph.stop();
+    say(&mut graph, 0, ServiceState::Draining);
+    ends(&mut graph, &system, 0, End::Code(0));
+    let asked = |index: u32| system.borrow().get(&index).map_or(0, |(_, asked)| *asked);
+    let say_of = |graph: &mut Supervision<_>, index: usize, waits_for| {
+        let name = graph.units[index].name.clone();
+        graph.hear(Health { waits_for, ..Health::new(name, index as u32, ServiceState::Running) });
+    };
+    say_of(&mut graph, 1, None);
+    say_of(&mut graph, 2, Some(Topic::OdometryEstimate));
+    for _ in 0..5 {
+        let later = graph.now() + LEAVE_WITHIN;
+        graph.is_now(later);
+        graph.hurry();
+        assert_eq!(asked(2), 0, "what it is to map is not known yet");
+    }
+    ends(&mut graph, &system, 1, End::Code(0));
+    say_of(&mut graph, 2, None);
+    graph.hurry();
+    assert_eq!(asked(2), 0, "it has only just got it");
+    let later = graph.now() + LEAVE_WITHIN;
+    graph.is_now(later);
+    graph.hurry();
+    assert_eq!(asked(2), 1);
+}

@@ -19,6 +19,8 @@ use crate::in_process;
 const PIECE_M: f64 = 30.0;
 /// What lies within so much of the way has to do with each other, metres.
 const BLOCK_M: f64 = 2.0;
+/// What moves less stands still, metres.
+const STEP_M: f64 = 0.1;
 /// So many echoes are asked about, at most.
 const ASKED_MAX: usize = 4000;
 /// Fewer tell nothing, and so do fewer blocks.
@@ -71,7 +73,11 @@ impl Heard {
         let (mut begins, mut block_of, mut way_m, mut last) = (Vec::new(), Vec::new(), 0.0, None);
         for (place, kept) in readings.iter().enumerate() {
             let piece = (way_m / PIECE_M) as usize;
-            way_m += last.replace(kept.pose).map_or(0.0, |last| kept.pose.distance_m(last));
+            // Within a scan readings may come in any order of their times: to and fro is no way.
+            let moved_m = kept.pose.distance_m(*last.get_or_insert(kept.pose));
+            if moved_m >= STEP_M {
+                (way_m, last) = (way_m + moved_m, Some(kept.pose));
+            }
             if (way_m / PIECE_M) as usize > piece {
                 begins.push(place);
             }

@@ -45,11 +45,12 @@ pub(super) fn text(report: &Report) -> String {
          # Made by `echogrid calibrate sensor`; a part of a graph file (`echogrid map LOG --config FILE`).\n\n[mapper]\n"
     );
     for learnt in &report.parameters {
-        let Learnt { key, unit, estimate, low, high, told, .. } = learnt;
+        let Learnt { key, unit, estimate, low, high, told, bound, .. } = learnt;
+        let bound = bound.map(|bound| format!(" {bound}")).unwrap_or_default();
         let setting = format!("{key} = {:?}", learnt.for_maps());
         let _ = match (told, learnt.is_of_robot()) {
             (true, false) => {
-                writeln!(text, "{setting:<36} # {unit}; best {estimate}, 95 % confidence: {low} to {high}")
+                writeln!(text, "{setting:<36} # {unit}; best {estimate}{bound}, 95 % confidence: {low} to {high}")
             }
             (true, true) => writeln!(text, "# In [sonars] of the robot's file: {setting} ({low} to {high})"),
             (false, _) => writeln!(text, "# {key}: can't be told from this drive"),
