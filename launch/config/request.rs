@@ -173,7 +173,8 @@ fn fix_file(text: &str, base: &Path) -> Option<(&'static str, &'static str, Stri
 
 fn is_native_file(file: &Path) -> bool {
     let mut head = [0; native::MAGIC.len()];
-    File::open(file).and_then(|mut file| file.read_exact(&mut head)).is_ok() && head == native::MAGIC
+    // To open a pipe waits for whoever writes to it.
+    file.is_file() && File::open(file).and_then(|mut file| file.read_exact(&mut head)).is_ok() && head == native::MAGIC
 }
 
 /// The name of the service of a kind that there is one of.
