@@ -2,7 +2,6 @@
 //! errors out, one for one; and one more wherever an absolute localization rectifies them (section 4.1).
 
 mod history;
-mod nominal;
 
 use std::process::ExitCode;
 
@@ -12,14 +11,13 @@ use echogrid_core::localization::{Ask, Asking, Choice, Reason};
 use echogrid_core::odometry::Contradiction;
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    DrivePose, Estimate, Gate, Incidents, Leap, Leaps, LocalizationConfig, MapperConfig, Odometry, OdometryConfig,
-    Placing, Pose2, Robot,
+    DrivePose, Estimate, Gate, Incidents, Leap, Leaps, LocalizationConfig, MapperConfig, NominalSensor, Odometry,
+    OdometryConfig, Placing, Pose2, Robot,
 };
 use echogrid_service::logging::Sparing;
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, PoseEstimate, RawOdometry, Topic};
 use history::{Applied, History};
-use nominal::NominalSensor;
 use serde::{Deserialize, Serialize};
 
 /// What it reads.

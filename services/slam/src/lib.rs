@@ -137,7 +137,9 @@ impl SlamService {
             }
             None => state.odometry.step(odom_from_base),
         };
-        self.sonars.moved(driven);
+        if !state.robot.as_ref().is_some_and(has_lidar) {
+            self.sonars.moved(driven);
+        }
         state.history.push(stamp_ns, estimate.pose);
         self.tell_first(out);
         self.take_bracketed();
@@ -249,6 +251,9 @@ impl Service for SlamService {
         match input {
             Input::Message { message: Message::Robot(robot), .. } => {
                 ensure!(!robot.sensors.is_empty(), "robot {:?} has no sensor, and SLAM needs one", robot.name);
+                if has_lidar(&robot) {
+                    self.sonars.forget();
+                }
                 self.state.robot.get_or_insert(robot);
                 self.tell_first(out);
             }

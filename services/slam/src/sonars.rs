@@ -2,8 +2,8 @@
 
 use echogrid_core::parts::{Parts, Saved, SavedError};
 use echogrid_core::{
-    DrivePose, Estimate, Leap, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
-    nominal_trust,
+    DrivePose, Estimate, Leap, Leaps, MapperConfig, NominalSensor, Odometry, OdometryConfig, Pose2, Reading, Robot,
+    SensorKind,
 };
 use echogrid_slam::SlamConfig;
 use echogrid_slam::report::Report;
@@ -95,12 +95,14 @@ impl Sonars {
         Found { estimates, graph: files::g2o(graph, &graph.edges), report: slam.report(way_m) }
     }
 
-    /// Weight of a reading of 2 m of the robot's widest sonar, in [0, 1], as the odometry tells it.
+    /// How far a pose can be trusted, as the odometry tells it.
     pub(crate) fn trust(&self, robot: &Robot, estimate: &Estimate) -> f64 {
-        let widest = robot.sensors.iter().max_by(|a, b| a.aperture_rad.total_cmp(&b.aperture_rad));
-        widest.map_or(1.0, |sensor| {
-            nominal_trust(&estimate.errors, sensor.aperture_rad, sensor.range_error_ratio, self.mapper.resolution_m)
-        })
+        NominalSensor::of(robot).trust(&estimate.errors, self.mapper.resolution_m)
+    }
+
+    /// A lidar corrects this drive.
+    pub(crate) fn forget(&mut self) {
+        self.state = State::default();
     }
 
     fn as_driven(&self) -> Vec<(u64, Estimate)> {

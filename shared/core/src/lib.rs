@@ -30,7 +30,7 @@ pub(crate) use mapping::{doubt, driven, sonar_maps};
 pub use mapping::{foretell, kept, remap, why};
 pub use odometry::{fix, gate, incidents, joint, leap, sideways, smoothing};
 pub(crate) use sensor::heard;
-pub use sensor::{noise, novelty, reading, robot, sensor_model, verdict};
+pub use sensor::{noise, nominal, novelty, reading, robot, sensor_model, verdict};
 pub use state::{chunks, parts};
 
 pub use angle::wrap_angle;
@@ -47,6 +47,7 @@ pub use leap::{DrivePose, Leap, Leaps};
 pub use localization::LocalizationConfig;
 pub use mapping::{GridMapper, RestoreError};
 pub use nalgebra::Matrix3;
+pub use nominal::NominalSensor;
 pub use odometry::fix::Fix;
 pub use odometry::{ErrorModel, Estimate, Increment, Odometry, OdometryErrors, move_by};
 pub use parts::{Parts, Saved, SavedError};

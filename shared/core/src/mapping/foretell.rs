@@ -59,7 +59,7 @@ pub fn foretell(
     // No noise is drawn: the deviations are told.
     let mut fuser = Fuser::new(&config, Noise::OneSigma, 0);
     let driven = Driven::new(&config, robot);
-    let crystal = Crystal::new(&config);
+    let expectation = Expectation::new(&config);
     let (mut foretold, mut bins, mut echoes) = (Vec::new(), Vec::new(), 0);
     let mut grid = Grid::new(config.resolution_m);
     let mut begins = begins.iter().copied().peekable();
@@ -85,7 +85,7 @@ pub fn foretell(
         if let (InverseSensorModel::Oriented(cone), Some(range_m)) = (&model, range_m) {
             echoes += 1;
             if echoes % every.max(1) == 0 {
-                let ln_density = crystal.ask(&grid, &sounding, cone, range_m, &mut bins);
+                let ln_density = expectation.ask(&grid, &sounding, cone, range_m, &mut bins);
                 foretold.push(Foretold { place, ln_density, news: kept.news });
             }
         }
@@ -95,14 +95,14 @@ pub fn foretell(
     Ok(foretold)
 }
 
-/// Looks into a map.
-struct Crystal {
+/// What a map expects of echoes.
+struct Expectation {
     kernel: OrientedKernel,
     /// g of each state along rays of each direction.
     shares: Vec<[f64; STATES]>,
 }
 
-impl Crystal {
+impl Expectation {
     fn new(config: &MapperConfig) -> Self {
         let critical_rad = config.oriented_incidence_deg.to_radians();
         let kernel =

@@ -2,6 +2,7 @@
 
 pub(crate) mod heard;
 pub mod noise;
+pub mod nominal;
 pub mod novelty;
 pub mod reading;
 pub mod robot;
