@@ -9,11 +9,11 @@ mod drive;
 
 use std::process::ExitCode;
 
-use drive::pioneer;
+use drive::{lidar, pioneer};
 use echogrid_core::config::{Fusion, Noise};
 use echogrid_core::{
-    Echo, Estimate, GridMapper, MapperConfig, Odometry, OdometryConfig, Pose2, Reading, Robot, Segment, Sensor,
-    SensorKind, World, WorldParts,
+    Echo, Estimate, GridMapper, MapperConfig, Odometry, OdometryConfig, Pose2, Reading, Robot, Segment, World,
+    WorldParts,
 };
 
 const BEAMS: u16 = 180;
@@ -27,23 +27,6 @@ fn room() -> World {
         .into_iter()
         .flat_map(|corners| (0..4).map(move |k| Segment { from: corners[k], to: corners[(k + 1) % 4] }));
     World::new(WorldParts { walls: walls.collect(), ..WorldParts::default() }).expect("walls")
-}
-
-fn lidar() -> Robot {
-    let step_rad = core::f64::consts::PI / f64::from(BEAMS);
-    let sensor = Sensor {
-        kind: SensorKind::Lidar,
-        base_from_sensor: Pose2::IDENTITY,
-        first_transducer: 0,
-        transducers: BEAMS,
-        first_bearing_rad: -core::f64::consts::FRAC_PI_2,
-        bearing_step_rad: step_rad,
-        aperture_rad: step_rad,
-        range_min_m: 0.02,
-        range_max_m: 20.0,
-        range_error_ratio: 0.01,
-    };
-    Robot { sensors: vec![sensor], ..Robot::default() }
 }
 
 /// Where the robot is: on an ellipse round the pillar.
@@ -84,7 +67,7 @@ fn main() -> ExitCode {
         "paper" => map(pioneer(), Fusion::Paper, count),
         "first_echo" => map(pioneer(), Fusion::FirstEcho, count),
         "oriented" => map(pioneer(), Fusion::Oriented, count),
-        "laser" => map(lidar(), Fusion::Auto, count),
+        "laser" => map(lidar(BEAMS, core::f64::consts::PI), Fusion::Auto, count),
         "odometry" => {
             let mut odometry = Odometry::new(&OdometryConfig::default());
             for step in 0..count {

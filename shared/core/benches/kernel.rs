@@ -12,11 +12,9 @@ mod drive;
 
 use std::process::ExitCode;
 
-use drive::{pioneer, records};
+use drive::{lidar, pioneer, records};
 use echogrid_core::config::{Filter, Fusion, Limit, NoEcho, Noise};
-use echogrid_core::{
-    Echo, Estimate, GridMapper, MapperConfig, OdometryErrors, Pose2, Reading, Robot, Sensor, SensorKind,
-};
+use echogrid_core::{Echo, Estimate, GridMapper, MapperConfig, OdometryErrors, Pose2, Reading};
 
 const BEAMS: u16 = 360;
 
@@ -74,24 +72,6 @@ impl Records {
     }
 }
 
-/// A lidar whose beams lie side by side.
-fn lidar() -> Robot {
-    let step_rad = core::f64::consts::TAU / f64::from(BEAMS);
-    let sensor = Sensor {
-        kind: SensorKind::Lidar,
-        base_from_sensor: Pose2::IDENTITY,
-        first_transducer: 0,
-        transducers: BEAMS,
-        first_bearing_rad: -core::f64::consts::PI,
-        bearing_step_rad: step_rad,
-        aperture_rad: step_rad,
-        range_min_m: 0.02,
-        range_max_m: 20.0,
-        range_error_ratio: 0.01,
-    };
-    Robot { sensors: vec![sensor], ..Robot::default() }
-}
-
 /// Processor time of this thread, seconds.
 fn processor_s() -> Result<f64, String> {
     const FILE: &str = "/proc/thread-self/schedstat";
@@ -102,7 +82,7 @@ fn processor_s() -> Result<f64, String> {
 
 /// Scans per second of one run.
 fn rate(work: &Work, records: &Records) -> Result<f64, String> {
-    let (robot, none_m) = if work.is_laser { (lidar(), 20.0) } else { (pioneer(), 5.0) };
+    let (robot, none_m) = if work.is_laser { (lidar(BEAMS, core::f64::consts::TAU), 20.0) } else { (pioneer(), 5.0) };
     let config = MapperConfig {
         fusion: work.fusion,
         no_echo: work.no_echo,

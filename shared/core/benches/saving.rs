@@ -5,6 +5,7 @@
 
 #![allow(clippy::expect_used, clippy::print_stdout, reason = "a benchmark")]
 
+#[allow(dead_code, reason = "the other benchmarks take the rest")]
 mod drive;
 
 use std::cell::RefCell;

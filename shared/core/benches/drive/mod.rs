@@ -1,4 +1,4 @@
-//! Drives to measure on: rings of 16 sonars, and where they were heard.
+//! Drives to measure on, and the robots that drive: rings of 16 sonars, and where they were heard; lidars.
 
 use std::path::PathBuf;
 
@@ -41,6 +41,24 @@ pub(crate) fn pioneer() -> Robot {
         range_error_ratio: 0.01,
     };
     Robot { sensors: PIONEER.into_iter().enumerate().map(sensor).collect(), ..Robot::default() }
+}
+
+/// A lidar of so many beams side by side, all of which see `view_rad` together, ahead in the middle.
+pub(crate) fn lidar(beams: u16, view_rad: f64) -> Robot {
+    let step_rad = view_rad / f64::from(beams);
+    let sensor = Sensor {
+        kind: SensorKind::Lidar,
+        base_from_sensor: Pose2::IDENTITY,
+        first_transducer: 0,
+        transducers: beams,
+        first_bearing_rad: -0.5 * view_rad,
+        bearing_step_rad: step_rad,
+        aperture_rad: step_rad,
+        range_min_m: 0.02,
+        range_max_m: 20.0,
+        range_error_ratio: 0.01,
+    };
+    Robot { sensors: vec![sensor], ..Robot::default() }
 }
 
 pub(crate) struct Ring {
