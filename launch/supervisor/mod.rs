@@ -172,8 +172,7 @@ impl Supervisor<'_> {
     fn take_signals(&mut self, observer: &mut dyn Observer) -> Result<()> {
         while let Some(caught) = self.signals.next()? {
             self.systemd.stopping();
-            let now = Instant::now();
-            if self.asked.replace(now).is_some_and(|asked| now.duration_since(asked) < ONE_WORD) {
+            if is_same_word(&mut self.asked, Instant::now()) {
                 continue;
             }
             if !self.services.stopped {
@@ -265,11 +264,14 @@ impl Supervisor<'_> {
         let sensor = units.iter().find(|unit| unit.is_source());
         let ready = units.iter().filter(|unit| unit.is_ready()).count();
         let is_over = self.services.is_ending() || sensor.is_some_and(Unit::has_ended);
-        let finishing = units.iter().rev().filter(|unit| is_over && unit.is_here());
-        // Those upstream wait for those downstream.
-        let finishing = finishing.filter(|unit| unit.place.rank >= SLOW_FROM).map(|unit| unit.name.as_str());
+        let finishing = || units.iter().rev().filter(|unit| is_over && unit.is_here());
+        // Those upstream wait for those downstream; but one of them may still be at work (SLAM), and the others wait for that.
+        let works = |unit: &&Unit<_>| unit.health.as_ref().is_some_and(|health| health.waits_for.is_none());
+        let upstream = finishing().filter(|unit| !unit.is_source() && unit.place.rank < SLOW_FROM).filter(works).last();
+        let downstream = finishing().filter(|unit| unit.place.rank >= SLOW_FROM);
+        let finishing: Vec<&Unit<_>> = upstream.map_or_else(|| downstream.collect(), |unit| vec![unit]);
         observer.progress(&Progress {
-            finishing: finishing.collect(),
+            finishing: finishing.into_iter().map(|unit| unit.name.as_str()).collect(),
             sensor: sensor.and_then(|unit| unit.health.as_ref()),
             ready: (ready, units.len()),
         });
@@ -306,5 +308,22 @@ impl Supervisor<'_> {
             restarts,
             ..std::mem::take(&mut self.outcome)
         }
+    }
+}
+
+/// Whether a signal that comes now belongs to the one before; that is `asked`, and then this.
+fn is_same_word(asked: &mut Option<Instant>, now: Instant) -> bool {
+    asked.replace(now).is_some_and(|asked| now.duration_since(asked) < ONE_WORD)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn signals_at_once_are_one_word_and_a_second_press_is_another() {
+        let (mut asked, begun) = (None, Instant::now());
+        let mut comes = |millis| is_same_word(&mut asked, begun + Duration::from_millis(millis));
+        assert_eq!([0, 1, 2, 202, 300, 1000].map(&mut comes), [false, true, true, false, true, false]);
     }
 }
