@@ -88,6 +88,17 @@ impl fmt::Display for Table<'_> {
 }
 
 /// What SLAM came to, in a line.
+/// What is worth knowing of a drive whose lidar saw next to nothing that it could match.
+pub(super) fn remark(report: &Report) -> Option<String> {
+    let Report { nodes, lost, .. } = report;
+    (report.unrecognised.is_none() && 2 * lost > *nodes).then(|| {
+        format!(
+            "--slam: {lost} of {nodes} scans of the lidar could not be matched; the poses are hardly better than the odometry's, but the map \
+             is drawn as if they were; a map without --slam shows the doubt"
+        )
+    })
+}
+
 pub(crate) fn summary(report: &Report) -> String {
     let (all, applied) = (report.closures.len(), report.applied());
     let closures = match (all, applied) {

@@ -204,7 +204,9 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     summary.log_faults.extend(recognised::notes(config, &outcome));
     summary.log_faults.extend(of_earlier_runs);
     if config.does_slam() {
-        summary.slam = Some(super::closures::read(&config.run.out)?);
+        let report = super::closures::read(&config.run.out)?;
+        summary.log_faults.extend(super::closures::remark(&report));
+        summary.slam = Some(report);
     }
     summary.files = written(config, &before);
     summary.files_lack = files_lack(config, &outcome);
