@@ -5,6 +5,10 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use echogrid_formats::map::native;
+use echogrid_localizer::config as localizer;
+use serde::Deserialize as _;
+use serde::de::IntoDeserializer as _;
+use serde::de::value::{Error as ValueError, StrDeserializer};
 
 use super::argument;
 use super::interval::Interval;
@@ -149,8 +153,8 @@ fn recorded_truth(text: &str) -> Option<&str> {
 /// holds, whatever its name, and the folder of a map is it; whoever names another picture of it is told so by the reader of maps.
 fn fix_file(text: &str, base: &Path) -> Option<(&'static str, &'static str, String)> {
     const MAP: (&str, &str) = ("map", "localizer.map");
-    const WORDS: [&str; 6] = ["none", "operator", "truth", "reference", "landmarks", "map"];
-    if WORDS.contains(&text) {
+    let word = text.into_deserializer();
+    if text.is_empty() || localizer::Source::deserialize::<StrDeserializer<'_, ValueError>>(word).is_ok() {
         return None;
     }
     let file = base.join(text);
