@@ -267,8 +267,7 @@ impl Supervisor<'_> {
         let finishing = || units.iter().rev().filter(|unit| is_over && unit.is_here());
         // Those upstream wait for those downstream; but one of them may still be at work (SLAM), and the others wait for that.
         let works = |unit: &&Unit<_>| unit.health.as_ref().is_some_and(|health| health.waits_for.is_none());
-        let upstream =
-            finishing().filter(|unit| !unit.is_source() && unit.place.rank < SLOW_FROM).filter(works).next_back();
+        let upstream = finishing().filter(|unit| !unit.is_source() && unit.place.rank < SLOW_FROM).rfind(works);
         let downstream = finishing().filter(|unit| unit.place.rank >= SLOW_FROM);
         let finishing: Vec<&Unit<_>> = upstream.map_or_else(|| downstream.collect(), |unit| vec![unit]);
         observer.progress(&Progress {
