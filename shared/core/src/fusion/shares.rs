@@ -32,6 +32,8 @@ const BYTES: usize = CODES * size_of::<u16>();
 #[derive(Clone)]
 pub struct Shares {
     codes: Box<[u16; CODES + SLACK]>,
+    /// Rows, a bit each, in which log-odds may have been moved by somebody who did not move these.
+    unsettled: u64,
 }
 
 impl core::fmt::Debug for Shares {
@@ -42,7 +44,7 @@ impl core::fmt::Debug for Shares {
 
 impl Default for Shares {
     fn default() -> Self {
-        Self { codes: Box::new([ONE; CODES + SLACK]) }
+        Self { codes: Box::new([ONE; CODES + SLACK]), unsettled: u64::MAX }
     }
 }
 
@@ -50,6 +52,21 @@ impl Shares {
     /// Codes of cells that no reading touched.
     pub(crate) fn ones() -> [u16; SLACK] {
         [ONE; SLACK]
+    }
+
+    /// The rows, a bit each, in which the log-odds may not be what these come to.
+    pub(crate) fn unsettled(&self) -> u64 {
+        self.unsettled
+    }
+
+    /// In some rows somebody may move log-odds, and not these.
+    pub(crate) fn unsettle(&mut self, rows: u64) {
+        self.unsettled |= rows;
+    }
+
+    /// In some rows the log-odds are what these come to.
+    pub(crate) fn settle(&mut self, rows: u64) {
+        self.unsettled &= !rows;
     }
 
     /// Where a state of a cell of the tile lies.

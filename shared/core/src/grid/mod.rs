@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 pub use tile::Tile;
 
 use crate::parts::{Parts, Saved, SavedError};
+use crate::shares::Shares;
 
 /// Cells along the side of a tile.
 pub const TILE_SIDE: usize = 64;
@@ -149,6 +150,31 @@ impl Grid {
 
     /// One tile to write to; created unknown if absent.
     pub fn tile_mut(&mut self, index: TileIndex) -> &mut Tile {
+        let tile = self.noted_mut(index);
+        if let Some(shares) = &mut tile.shares {
+            shares.unsettle(u64::MAX);
+        }
+        tile
+    }
+
+    /// The log-odds of one cell to write to, NaN if unknown.
+    pub(crate) fn log_odds_mut(&mut self, cell: CellIndex, revision: u64) -> &mut f32 {
+        let (tile, offset) = (self.noted_mut(cell.tile()), cell.offset_in_tile());
+        tile.revision = revision;
+        if let Some(shares) = &mut tile.shares {
+            shares.unsettle(1 << (offset / TILE_SIDE));
+        }
+        &mut tile.log_odds[offset]
+    }
+
+    /// The states of the cells of a tile to write to, and their log-odds, which must be written to as the states say.
+    pub(crate) fn states_mut(&mut self, index: TileIndex, revision: u64) -> (&mut Shares, &mut [f32; TILE_CELLS]) {
+        let tile = self.noted_mut(index);
+        tile.revision = revision;
+        (tile.shares.get_or_insert_default(), &mut tile.log_odds)
+    }
+
+    fn noted_mut(&mut self, index: TileIndex) -> &mut Tile {
         let now = self.changes.now();
         match self.tiles.entry(index) {
             Entry::Occupied(entry) => {

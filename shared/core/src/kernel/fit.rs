@@ -38,6 +38,7 @@ impl<const N: usize> Fitter<N> {
     }
 
     /// Coefficients of 1, x, x² … of the polynomial that has `values` at the nodes.
+    #[inline(always)]
     pub(super) fn through(&self, values: &[f64; N]) -> [f64; N] {
         let mut coefficients = [0.0; N];
         for (value, row) in values.iter().zip(&self.basis) {

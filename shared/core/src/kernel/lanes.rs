@@ -58,6 +58,8 @@ pub(super) trait Lanes: Chosen {
     fn are_none_or(self, other: Self, count: usize) -> bool;
     /// 2^n of what n + [`WHOLE`] is, for |n| < 126.
     fn power_of_two(self) -> Self;
+    /// n and m, so that self is 2^n × m with m from 1 to 2, of a normal number above 0; the lowest bits of n are those of its exponent.
+    fn split(self) -> (Self, Self);
     /// n and 2^n, so that self is `other` × 2^n × something from 0.66 to 1.5. Both above 0 and normal.
     fn octaves_above(self, other: Self) -> (Self, Self);
 }
@@ -89,6 +91,8 @@ pub(super) const RECIPROCAL_ROOT_BITS: i32 = 0x5F37_59DF;
 pub(super) const HALF_OCTAVE: i32 = 0x0040_0000;
 pub(super) const EXPONENT_BIT: u32 = 23;
 pub(super) const EXPONENT_OF_ONE: i32 = 127;
+/// The bits of a number below its exponent.
+pub(super) const MANTISSA: u32 = (1 << EXPONENT_BIT) - 1;
 
 /// For every processor. Where there are vectors of the right kind (NEON) the compiler makes use of them.
 #[derive(Debug, Clone, Copy)]
@@ -237,6 +241,12 @@ impl Lanes for Portable {
     #[inline(always)]
     fn power_of_two(self) -> Self {
         Self(self.0.map(|x| f32::from_bits(x.to_bits().wrapping_add(EXPONENT_OF_ONE as u32) << EXPONENT_BIT)))
+    }
+
+    #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        let exponent = self.0.map(|x| f32::from_bits(x.to_bits() >> EXPONENT_BIT));
+        (Self(exponent), Self(self.0.map(|x| f32::from_bits(x.to_bits() & MANTISSA | 1.0_f32.to_bits()))))
     }
 
     #[inline(always)]

@@ -28,8 +28,12 @@ mod layout;
 mod order;
 mod oriented;
 mod oriented_answers;
+mod oriented_cells;
+mod oriented_pass;
+mod oriented_settled;
 mod paper;
 mod spans;
+mod tempered;
 mod wide;
 #[cfg(target_arch = "x86_64")]
 mod x86;
@@ -39,10 +43,11 @@ mod x86_chosen;
 mod x86_doubles;
 
 use crate::angle::wrap_angle;
-use crate::grid::{CellIndex, Grid, Tile, TileIndex};
+use crate::grid::{CellIndex, Grid, TILE_CELLS, Tile, TileIndex};
 use crate::log_odds::log_odds_of;
 use crate::pose::Pose2;
 use crate::sensor_model::Cone;
+use crate::shares::Shares;
 
 pub use fan::{FAN_STEP_RAD, FanKernel};
 pub use first_echo::{EchoCone, FirstEchoKernel};
@@ -164,6 +169,11 @@ impl Place<'_> {
         let tile = self.grid.tile_mut(index);
         tile.revision = self.revision;
         tile
+    }
+
+    /// The states of the cells of a tile that changes, and their log-odds, which are written to as the states say.
+    fn states(&mut self, index: TileIndex) -> (&mut Shares, &mut [f32; TILE_CELLS]) {
+        self.grid.states_mut(index, self.revision)
     }
 }
 

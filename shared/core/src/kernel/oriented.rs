@@ -8,20 +8,20 @@
 //! says, times the weight, to within [`ORIENTED_BOUND`] and what the code of a state is rounded by. Of two cells whose distances differ
 //! by less than 1e-6 of them either may come first.
 
-use super::along::Along;
-use super::first_echo::{BEFORE, FINEST_SIGMA_Z_M, LEFT_OUT, peak, product_of_rests};
-use super::functions::{exp, ln, ln_1p, reciprocal, reciprocal_root};
-use super::geometry::{ANGLE, Band, Geometry, Wide, make_room};
-use super::lanes::Lanes;
-use super::layout::{Beam, Layout, Piece};
-use super::oriented_answers::{Answers, Facing};
-use super::wide::{Width, Work};
+use super::first_echo::{BEFORE, FINEST_SIGMA_Z_M, LEFT_OUT, peak};
+use super::geometry::{ANGLE, Geometry};
+use super::layout::Beam;
+use super::oriented_answers::Answers;
+use super::oriented_cells::Profile;
+use super::oriented_pass::{Scratch, Weighing};
+use super::tempered::Tempered;
+use super::wide::Width;
 use super::{Apex, OffMap, Place, cells_around};
 use crate::first_echo::BEHIND;
-use crate::grid::{CellIndex, Grid, TILE_SIDE, Tile};
+use crate::grid::{CellIndex, Grid, Tile};
 use crate::oriented::{DIRECTIONS, FacedCell, Oriented, STATES, left_by_looks};
 use crate::pose::Pose2;
-use crate::shares::{CUT, LEAST, MOST, SLACK, Shares};
+use crate::shares::{CUT, LEAST, MOST};
 
 /// How far the gain of a state may be from that of the reference model, per reading.
 pub const ORIENTED_BOUND: f64 = 1e-3;
@@ -67,7 +67,7 @@ impl OrientedCone {
     }
 
     /// c, or m where nothing came back.
-    fn nobodys(&self) -> f64 {
+    pub(super) fn nobodys(&self) -> f64 {
         let Oriented { range_m, clutter, range_cap_m, lost, .. } = self.reading;
         range_m.map_or(lost, |_| clutter / range_cap_m)
     }
@@ -94,17 +94,17 @@ impl OrientedCone {
 
 /// Of which states a cell may be, and within what its evidence stays.
 #[derive(Debug, Clone, Copy)]
-struct States {
+pub(super) struct States {
     /// l0.
-    start: f32,
+    pub(super) start: f32,
     /// l_max.
-    max: f32,
+    pub(super) max: f32,
     /// How probable each state is before any reading, if the cell is occupied: diffuse, and each direction.
-    diffuse: f32,
-    facing: f32,
+    pub(super) diffuse: f32,
+    pub(super) facing: f32,
     /// Within what each state stays.
-    least: f32,
-    most: f32,
+    pub(super) least: f32,
+    pub(super) most: f32,
 }
 
 /// Adds readings to a grid by the oriented model. Allocates nothing once it has seen a cone as large as any to come and the grid has
@@ -113,47 +113,9 @@ struct States {
 pub struct OrientedKernel {
     states: States,
     answers: Answers,
+    tempered: Tempered,
     scratch: Scratch,
     width: Width,
-}
-
-/// What is known of the cells of the cone at hand; kept for its memory.
-#[derive(Debug, Clone, Default)]
-struct Scratch {
-    layout: Layout,
-    places: Band,
-    front: FrontCells,
-    band: BandCells,
-    along: Along,
-}
-
-/// The cells in front of the echo, in the order of the layout.
-#[derive(Debug, Clone, Default)]
-struct FrontCells {
-    count: usize,
-    /// a
-    probabilities: Vec<f32>,
-    /// r of the walls that answer.
-    responses: [Vec<f32>; DIRECTIONS],
-}
-
-/// The cells around the echo, in the order of the layout.
-#[derive(Debug, Clone, Default)]
-struct BandCells {
-    log_odds: Vec<f32>,
-    codes: [Vec<u16>; STATES],
-    /// r of the walls that answer.
-    responses: [Vec<f32>; DIRECTIONS],
-    /// a
-    probabilities: Vec<f32>,
-}
-
-/// What the cells of a reading have in common.
-#[derive(Debug, Clone, Copy)]
-struct Profile {
-    geometry: Geometry,
-    cone: OrientedCone,
-    states: States,
 }
 
 impl OrientedKernel {
@@ -175,6 +137,7 @@ impl OrientedKernel {
                 most: with_code(most as f32),
             },
             answers: Answers::new(critical_rad),
+            tempered: Tempered::default(),
             scratch: Scratch::default(),
             width: Width::of_this_processor(),
         }
@@ -203,7 +166,6 @@ impl OrientedKernel {
             return Ok(());
         }
         let axis_rad = map_from_transducer.theta;
-        self.answers.turn_to(axis_rad, cone.aperture_rad, cone.detection);
         let geometry = Geometry::new(resolution_m, &apex, axis_rad, cone.aperture_rad, [0.0; ANGLE]);
         let beam = Beam {
             direction_rad: axis_rad,
@@ -212,9 +174,14 @@ impl OrientedKernel {
             far_m: cone.far_m(),
             leaves_gaps: cone.leaves_gaps,
         };
-        let profile = Profile { geometry, cone: *cone, states: self.states };
-        let (scratch, answers) = (&mut self.scratch, &self.answers);
-        self.width.run(Weighing { scratch, profile: &profile, answers, beam, apex, place });
+        let is_tempered = cone.weight < 1.0;
+        if is_tempered {
+            self.tempered.turn_to(cone.weight);
+        }
+        let Self { states, answers, tempered, scratch, width } = self;
+        let tempered = is_tempered.then_some(&*tempered);
+        let profile = Profile { geometry, cone: *cone, states: *states, tempered };
+        width.run(Weighing { scratch, answers, profile: &profile, beam, apex, place });
         Ok(())
     }
 
@@ -293,372 +260,9 @@ impl States {
         let now = self.log_odds(&values);
         let known = tile.map_or(f32::NAN, |tile| tile.log_odds[offset]);
         let moved = if known.is_nan() { 0.0 } else { f64::from(known - now) };
-        core::array::from_fn(|s| libm::log(self.prior(s) * f64::from(values[s])) + moved)
-    }
-}
-
-/// Adding a reading to a grid.
-struct Weighing<'a> {
-    scratch: &'a mut Scratch,
-    profile: &'a Profile,
-    answers: &'a Answers,
-    beam: Beam,
-    apex: Apex,
-    place: Place<'a>,
-}
-
-impl Work for Weighing<'_> {
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { scratch, profile, answers, beam, apex, mut place } = self;
-        let cone = &profile.cone;
-        scratch.layout.lay_out::<L>(&beam, &apex, &profile.geometry);
-        let wide = Wides::<L>::new(profile, answers.diffuse(), answers.facing_in_front());
-        look_up::<L>(scratch, profile, &wide, place.grid);
-        // Nothing in front of the echo answered
-        let unanswered = product_of_rests::<L>(&scratch.front.probabilities, scratch.front.count);
-        let mut total = (1.0 - cone.reading.lost) * unanswered;
-        if let Some(range_m) = cone.reading.range_m {
-            scratch.places.fill::<L>(&scratch.layout);
-            let wide = Wides::<L> { facing_walls: answers.facing(), ..wide };
-            weigh_band::<L>(scratch, profile, &wide, range_m);
-            let squares = (beam.near_m.max(0.0), beam.far_m);
-            let limits = (squares.0 * squares.0 - range_m * range_m, squares.1 * squares.1 - range_m * range_m);
-            total = scratch.along.sum(&scratch.band.probabilities[..scratch.places.count], unanswered, limits);
-            move_band::<L>(scratch, &wide);
-        }
-        store::<L>(scratch, profile, &wide, total, &mut place);
-    }
-}
-
-/// What all cells of a reading need, in all lanes.
-#[derive(Clone, Copy)]
-struct Wides<'a, L> {
-    /// r of what does not mirror.
-    response: L,
-    /// The walls that answer.
-    facing_walls: &'a [Facing],
-    start: L,
-    max: L,
-    min: L,
-    diffuse: L,
-    facing: L,
-    least: L,
-    most: L,
-    prior_log_odds: L,
-    nobodys: L,
-    /// None: 1.
-    weight: Option<L>,
-    /// None: infinitely many.
-    looks: Option<L>,
-    draw: u32,
-}
-
-impl<'a, L: Lanes> Wides<'a, L> {
-    #[inline(always)]
-    fn new(profile: &Profile, response: f32, facing_walls: &'a [Facing]) -> Self {
-        let Profile { cone, states, .. } = profile;
-        Self {
-            response: L::splat(response),
-            facing_walls,
-            start: L::splat(states.start),
-            max: L::splat(states.max),
-            min: L::splat(-states.max),
-            diffuse: L::splat(states.diffuse),
-            facing: L::splat(states.facing),
-            least: L::splat(states.least),
-            most: L::splat(states.most),
-            prior_log_odds: L::splat(cone.prior_log_odds as f32),
-            nobodys: L::splat(cone.nobodys() as f32),
-            weight: (cone.weight < 1.0).then(|| L::splat(cone.weight as f32)),
-            looks: cone.looks.is_finite().then(|| L::splat(cone.looks as f32)),
-            draw: cone.draw & crate::shares::CUT,
-        }
-    }
-
-    /// Σ of the states, each as probable as it was before any reading.
-    #[inline(always)]
-    fn sum(&self, values: &[L; STATES]) -> L {
-        let mut facing = values[1];
-        for value in &values[2..] {
-            facing = facing.add(*value);
-        }
-        facing.mul(self.facing).add(values[0].mul(self.diffuse))
-    }
-
-    /// a of cells with these states, at `aside` across the axis; their r go into `responses` from `at` on.
-    #[inline(always)]
-    fn answering(
-        &self,
-        values: &[L; STATES],
-        known: L,
-        aside: L,
-        responses: &mut [Vec<f32>; DIRECTIONS],
-        at: usize,
-    ) -> L {
-        let mut facing = L::splat(0.0);
-        for (wall, responses) in self.facing_walls.iter().zip(responses) {
-            let r = wall.at(aside);
-            // What is written beyond the end of a piece, the next one overwrites.
-            r.store(&mut responses[at..]);
-            facing = values[wall.state].mul_add(r, facing);
-        }
-        let answered = facing.mul(self.facing).add(values[0].mul(self.diffuse).mul(self.response));
-        let against = L::splat(0.0).sub(known.or(self.start).add(self.prior_log_odds));
-        let against = exp(against.at_most(L::splat(80.0)).at_least(L::splat(-80.0)));
-        answered.mul(reciprocal(against.add(L::splat(1.0)).mul(self.sum(values))))
-    }
-
-    /// What the states and the log-odds of the first `count` cells become, in place, that the reading says `x` of; whether all states
-    /// were looked at, or only those that answer.
-    #[inline(always)]
-    fn moved(
-        &self,
-        values: &mut [L; STATES],
-        known: L,
-        (responses, at, count): (&[Vec<f32>; DIRECTIONS], usize, usize),
-        x: L,
-    ) -> (L, bool) {
-        let now = self.log_odds(values);
-        let is_moved = !known.are_none_or(now, count);
-        if is_moved {
-            // By somebody else
-            let moved = exp(known.or(now).sub(now).at_most(L::splat(60.0)).at_least(L::splat(-60.0)));
-            for value in values.iter_mut() {
-                *value = value.mul(moved);
-            }
-        }
-        values[0] = values[0].mul(self.gain(self.response.mul(x)));
-        for (wall, responses) in self.facing_walls.iter().zip(responses) {
-            let (value, r) = (values[wall.state], L::load(&responses[at..]));
-            let gained = value.mul(self.gain(r.mul(x)));
-            values[wall.state] = match self.looks {
-                None => gained,
-                Some(looks) => gained.at_least(value.at_most(left_by(looks.mul(r)))),
-            };
-        }
-        if is_moved {
-            for value in values.iter_mut() {
-                *value = self.coded(*value);
-            }
-        } else {
-            values[0] = self.coded(values[0]);
-            for wall in self.facing_walls {
-                values[wall.state] = self.coded(values[wall.state]);
-            }
-        }
-        (self.log_odds(values), is_moved)
-    }
-
-    /// Within its limits, and such that it has a code. What has one stays as it is.
-    #[inline(always)]
-    fn coded(&self, value: L) -> L {
-        value.at_least(self.least).at_most(self.most).coded(self.draw)
-    }
-
-    /// (1 + x) to the power of the weight.
-    #[inline(always)]
-    fn gain(&self, x: L) -> L {
-        match self.weight {
-            None => x.add(L::splat(1.0)),
-            Some(weight) => exp(ln_1p(x).mul(weight)),
-        }
-    }
-
-    #[inline(always)]
-    fn log_odds(&self, values: &[L; STATES]) -> L {
-        ln(self.sum(values)).add(self.start).at_least(self.min).at_most(self.max)
-    }
-}
-
-/// What looks leave of a wall, of n r: as [`left_by_looks`], or a number below 0.
-#[inline(always)]
-fn left_by<L: Lanes>(answers: L) -> L {
-    answers.neg_mul_add(answers, L::splat(1.0))
-}
-
-/// The states of cells of a tile from `offset` on.
-#[inline(always)]
-fn states_of<L: Lanes>(shares: Option<&Shares>, offset: usize) -> [L; STATES] {
-    let mut values = [L::splat(1.0); STATES];
-    if let Some(shares) = shares {
-        let row = shares.row(offset);
-        for (state, value) in values.iter_mut().enumerate() {
-            *value = L::load_codes(&row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
-        }
-    }
-    values
-}
-
-/// sin φ / sin ½β of cells at these distances squared, so far across the axis (scaled).
-#[inline(always)]
-fn aside<L: Lanes>(square: L, across: L) -> L {
-    across.mul(reciprocal_root(square))
-}
-
-/// a of the cells in front of the echo, and what is known of those around it.
-#[inline(always)]
-fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<'_, L>, grid: &Grid) {
-    let Scratch { layout, front, band, .. } = scratch;
-    make_room(&mut front.probabilities, layout.front.room::<L>());
-    make_room_for_responses(&mut front.responses, wides, layout.front.room::<L>());
-    let room = layout.band.room::<L>();
-    make_room(&mut band.log_odds, room);
-    for codes in &mut band.codes {
-        if codes.len() < room + 32 {
-            codes.resize(room + 32, 0);
-        }
-    }
-    let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
-    let wide = Wide::<L>::new(&profile.geometry);
-    let ones = Shares::ones();
-    for pieces in &layout.tiles {
-        let tile = grid.tile(pieces.index);
-        let shares = tile.and_then(|tile| tile.shares.as_ref());
-        let wide = wide.on_axis(pieces.is_ray);
-        for piece in layout.front.between(from.0, pieces.front) {
-            let (square, across) = wide.places(pieces.column(*piece), &layout.places[pieces.place(*piece)]);
-            let first = usize::from(piece.offset);
-            let known = known_of::<L>(tile, piece);
-            let values = states_of::<L>(shares, first);
-            let a = wides.answering(&values, known, aside(square, across), &mut front.responses, at);
-            a.store(&mut front.probabilities[at..]);
-            at += usize::from(piece.cells);
-        }
-        for piece in layout.band.between(from.1, pieces.band) {
-            let first = usize::from(piece.offset);
-            known_of::<L>(tile, piece).store(&mut band.log_odds[at_band..]);
-            for (state, to) in band.codes.iter_mut().enumerate() {
-                let codes = shares.map_or(&ones[..], |shares| &shares.row(first)[state * TILE_SIDE..]);
-                to[at_band..at_band + SLACK].copy_from_slice(&codes[..SLACK]);
-            }
-            at_band += usize::from(piece.cells);
-        }
-        from = (pieces.front, pieces.band);
-    }
-    // The last vector may reach beyond them: nothing that answers.
-    front.count = at;
-    front.probabilities[at..at + 16].fill(0.0);
-    band.log_odds[at_band..at_band + 16].fill(0.0);
-    for codes in &mut band.codes {
-        codes[at_band..at_band + 16].copy_from_slice(&ones);
-    }
-}
-
-#[inline(always)]
-fn known_of<L: Lanes>(tile: Option<&Tile>, piece: &Piece) -> L {
-    let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-    // No closure: it would not be compiled for the same processor.
-    match tile {
-        Some(tile) => L::load_some(&tile.log_odds[first..first + cells]),
-        None => L::splat(f32::NAN),
-    }
-}
-
-#[inline(always)]
-fn make_room_for_responses<L: Lanes>(responses: &mut [Vec<f32>; DIRECTIONS], wides: &Wides<'_, L>, count: usize) {
-    for responses in &mut responses[..wides.facing_walls.len()] {
-        make_room(responses, count);
-    }
-}
-
-impl BandCells {
-    #[inline(always)]
-    fn states<L: Lanes>(&self, at: usize) -> [L; STATES] {
-        let mut values = [L::splat(1.0); STATES];
-        for (value, codes) in values.iter_mut().zip(&self.codes) {
-            *value = L::load_codes(&codes[at..]);
-        }
-        values
-    }
-}
-
-/// a and L of the cells around the echo.
-#[inline(always)]
-fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, wides: &Wides<'_, L>, range_m: f64) {
-    let Scratch { places, band, along, .. } = scratch;
-    let count = places.count;
-    make_room_for_responses(&mut band.responses, wides, count);
-    make_room(&mut band.probabilities, count);
-    along.make_room(count);
-    let sigma_z_m = profile.cone.reading.sigma_z_m;
-    let peak = L::splat(peak(sigma_z_m) as f32);
-    let steepness = L::splat((core::f64::consts::FRAC_1_SQRT_2 / sigma_z_m) as f32);
-    for at in (0..count).step_by(L::COUNT) {
-        let places = places.places(at, &profile.geometry, range_m);
-        let off = places.off(L::splat(range_m as f32), steepness);
-        let aside = aside(places.square, places.across);
-        places.beyond.store(&mut along.beyond[at..]);
-        let values = band.states::<L>(at);
-        let known = L::load(&band.log_odds[at..]);
-        wides.answering(&values, known, aside, &mut band.responses, at).store(&mut band.probabilities[at..]);
-        let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
-        peak.mul(exp(exponent)).store(&mut along.own[at..]);
-    }
-}
-
-/// What the cells around the echo become.
-#[inline(always)]
-fn move_band<L: Lanes>(scratch: &mut Scratch, wides: &Wides<'_, L>) {
-    let Scratch { places, band, along, .. } = scratch;
-    let one = L::splat(1.0);
-    for at in (0..places.count).step_by(L::COUNT) {
-        let a = L::load(&band.probabilities[at..]);
-        let behind = L::load(&along.after[at..]).div(one.sub(a));
-        let others = L::load(&along.before[at..]).add(wides.nobodys).add(behind);
-        let x = L::load(&along.own[at..]).sub(behind).div(others);
-        let mut values = band.states::<L>(at);
-        let known = L::load(&band.log_odds[at..]);
-        let (log_odds, _) = wides.moved(&mut values, known, (&band.responses, at, L::COUNT), x);
-        log_odds.store(&mut band.log_odds[at..]);
-        for (value, codes) in values.into_iter().zip(&mut band.codes) {
-            value.store_codes(L::COUNT, &mut codes[at..]);
-        }
-    }
-}
-
-/// Writes to the grid what the cells become.
-#[inline(always)]
-fn store<L: Lanes>(scratch: &Scratch, profile: &Profile, wides: &Wides<'_, L>, total: f64, place: &mut Place<'_>) {
-    let Scratch { layout, front, band, .. } = scratch;
-    let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
-    // x = −T' / (c + T') with T' = T / (1 − a)
-    let all = L::splat((profile.cone.nobodys() + total) as f32);
-    let minus_total = L::splat(-total as f32);
-    for pieces in &layout.tiles {
-        let tile = place.tile(pieces.index);
-        let (shares, log_odds) = (tile.shares.get_or_insert_default(), &mut tile.log_odds);
-        for piece in layout.front.between(from.0, pieces.front) {
-            let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-            let others = L::load(&front.probabilities[at..]).neg_mul_add(wides.nobodys, all);
-            let x = minus_total.mul(reciprocal(others));
-            let mut values = states_of::<L>(Some(shares), first);
-            let known = &mut log_odds[first..first + cells];
-            let (now, are_all) = wides.moved(&mut values, L::load_some(known), (&front.responses, at, cells), x);
-            now.store_some(known);
-            let row = shares.row_mut(first);
-            if are_all {
-                for (state, value) in values.into_iter().enumerate() {
-                    value.store_codes(cells, &mut row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
-                }
-            } else {
-                values[0].store_codes(cells, &mut row[..SLACK]);
-                for Facing { state, .. } in wides.facing_walls {
-                    values[*state].store_codes(cells, &mut row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
-                }
-            }
-            at += cells;
-        }
-        for piece in layout.band.between(from.1, pieces.band) {
-            let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-            L::load(&band.log_odds[at_band..]).store_some(&mut log_odds[first..first + cells]);
-            let row = shares.row_mut(first);
-            for (codes, to) in band.codes.iter().zip(row.chunks_mut(TILE_SIDE)) {
-                L::load_codes(&codes[at_band..]).store_codes(cells, &mut to[..SLACK]);
-            }
-            at_band += cells;
-        }
-        from = (pieces.front, pieces.band);
+        let [least, most] = [self.least, self.most].map(|limit| libm::log(f64::from(limit)));
+        let of = |s: usize| (libm::log(f64::from(values[s])) + moved).clamp(least, most);
+        core::array::from_fn(|s| libm::log(self.prior(s)) + of(s))
     }
 }
 
@@ -695,6 +299,10 @@ mod tests {
                 };
                 let pose = Pose2::new(0.013 * f64::from(k), -0.007 * f64::from(k), 0.1 * f64::from(k));
                 assert!(kernel.add(&mut grid, pose, &cone, 1).is_ok());
+                // Somebody else moves some cells.
+                for (n, value) in grid.tile_mut(CellIndex { i: 3, j: 2 }.tile()).log_odds.iter_mut().enumerate() {
+                    *value += if n % 7 == k as usize % 7 { 0.3 } else { 0.0 };
+                }
             }
             grid
         });

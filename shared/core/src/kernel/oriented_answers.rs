@@ -1,7 +1,7 @@
 //! How walls of each direction answer over the width of a beam, as polynomials across it.
 
 use super::fit::Fitter;
-use super::functions::polynomial_of;
+use super::functions::polynomial_in_halves;
 use super::lanes::Lanes;
 use crate::oriented::{DIRECTIONS, Response, STATES};
 
@@ -28,27 +28,12 @@ pub(super) struct Answers {
     bearings: (f64, [f64; ACROSS]),
     /// r0.
     diffuse: f64,
-    /// The walls that answer; those first that do so in front of the echo, too.
-    facing: Vec<Facing>,
-    /// So many.
-    in_front: usize,
-}
-
-/// Walls of a direction that answer somewhere in a beam.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Facing {
-    /// Of such a wall, among the states of a cell.
-    pub(super) state: usize,
-    /// r in powers of sin φ / sin ½β.
-    across: [f32; ACROSS],
-}
-
-impl Facing {
-    /// r at `aside` = sin φ / sin ½β.
-    #[inline(always)]
-    pub(super) fn at<L: Lanes>(&self, aside: L) -> L {
-        polynomial_of(&self.across, aside).at_least(L::splat(0.0))
-    }
+    /// r of the walls of each direction, in powers of sin φ / sin ½β.
+    across: [[f32; ACROSS]; DIRECTIONS],
+    /// Which of them answer somewhere in the beam: a bit for each.
+    facing: u8,
+    /// Likewise, in front of the echo.
+    in_front: u8,
 }
 
 impl Answers {
@@ -66,7 +51,8 @@ impl Answers {
             nodes,
             bearings: (f64::NAN, [0.0; ACROSS]),
             diffuse: 0.0,
-            facing: Vec::with_capacity(DIRECTIONS),
+            across: [[0.0; ACROSS]; DIRECTIONS],
+            facing: 0,
             in_front: 0,
         }
     }
@@ -85,6 +71,7 @@ impl Answers {
     }
 
     /// To a beam along `axis_rad`, where a cell that does not mirror answers with `detection`.
+    #[inline(always)]
     pub(super) fn turn_to(&mut self, axis_rad: f64, aperture_rad: f64, detection: f64) {
         if self.bearings.0 != aperture_rad {
             let edge = libm::sin(0.5 * aperture_rad);
@@ -103,16 +90,21 @@ impl Answers {
                 values[node] = detection * (low + rest * (high - low));
             }
         }
-        self.facing.clear();
-        for limits in [LEAST_IN_FRONT..f64::INFINITY, LEAST..LEAST_IN_FRONT] {
-            self.in_front = self.facing.len();
-            for (state, values) in (1..).zip(&values) {
-                if limits.contains(&values.iter().copied().fold(0.0, f64::max)) {
-                    let across = self.fitter.through(values).map(|coefficient| coefficient as f32);
-                    self.facing.push(Facing { state, across });
-                }
+        (self.facing, self.in_front) = (0, 0);
+        for (direction, values) in values.iter().enumerate() {
+            let most = values.iter().copied().fold(0.0, f64::max);
+            if most >= LEAST {
+                self.across[direction] = self.fitter.through(values).map(|coefficient| coefficient as f32);
+                self.facing |= 1 << direction;
+                self.in_front |= u8::from(most >= LEAST_IN_FRONT) << direction;
             }
         }
+    }
+
+    /// r of walls of a direction that answer, at `aside` = sin φ / sin ½β and its square.
+    #[inline(always)]
+    pub(super) fn at<L: Lanes>(&self, direction: usize, aside: L, square: L) -> L {
+        polynomial_in_halves(&self.across[direction], aside, square).at_least(L::splat(0.0))
     }
 
     /// r of what does not mirror.
@@ -120,13 +112,13 @@ impl Answers {
         self.diffuse as f32
     }
 
-    /// The walls that answer around the echo.
-    pub(super) fn facing(&self) -> &[Facing] {
-        &self.facing
+    /// The walls that answer around the echo: a bit for each direction.
+    pub(super) fn facing(&self) -> u8 {
+        self.facing
     }
 
     /// The walls that answer in front of it: some of them.
-    pub(super) fn facing_in_front(&self) -> &[Facing] {
-        &self.facing[..self.in_front]
+    pub(super) fn in_front(&self) -> u8 {
+        self.in_front
     }
 }

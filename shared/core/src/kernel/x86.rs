@@ -5,7 +5,9 @@
 
 use core::arch::x86_64::*;
 
-use super::lanes::{EXPONENT_BIT, EXPONENT_OF_ONE, HALF_OCTAVE, Lanes, RECIPROCAL_BITS, RECIPROCAL_ROOT_BITS};
+use super::lanes::{
+    EXPONENT_BIT, EXPONENT_OF_ONE, HALF_OCTAVE, Lanes, MANTISSA, RECIPROCAL_BITS, RECIPROCAL_ROOT_BITS,
+};
 use super::x86_doubles::{Avx2Doubles, Avx512Doubles};
 use crate::shares;
 
@@ -219,6 +221,17 @@ impl Lanes for Avx2 {
     }
 
     #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        unsafe {
+            let bits = _mm256_castps_si256(self.0);
+            let below = _mm256_and_si256(bits, _mm256_set1_epi32(MANTISSA as i32));
+            let mantissa = _mm256_or_si256(below, _mm256_castps_si256(_mm256_set1_ps(1.0)));
+            let exponent = _mm256_srli_epi32::<EXPONENT>(bits);
+            (Self(_mm256_castsi256_ps(exponent)), Self(_mm256_castsi256_ps(mantissa)))
+        }
+    }
+
+    #[inline(always)]
     fn octaves_above(self, other: Self) -> (Self, Self) {
         unsafe {
             let above = _mm256_sub_epi32(_mm256_castps_si256(self.0), _mm256_castps_si256(other.0));
@@ -417,6 +430,17 @@ impl Lanes for Avx512 {
             let exponent = _mm512_add_epi32(_mm512_castps_si512(self.0), _mm512_set1_epi32(EXPONENT_OF_ONE));
             _mm512_castsi512_ps(_mm512_slli_epi32::<EXPONENT_BIT>(exponent))
         })
+    }
+
+    #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        unsafe {
+            let bits = _mm512_castps_si512(self.0);
+            let below = _mm512_and_si512(bits, _mm512_set1_epi32(MANTISSA as i32));
+            let mantissa = _mm512_or_si512(below, _mm512_castps_si512(_mm512_set1_ps(1.0)));
+            let exponent = _mm512_srli_epi32::<EXPONENT_BIT>(bits);
+            (Self(_mm512_castsi512_ps(exponent)), Self(_mm512_castsi512_ps(mantissa)))
+        }
     }
 
     #[inline(always)]

@@ -94,9 +94,7 @@ impl Driven {
                 if libm::hypot(cell_x - x, cell_y - y) > radius_m {
                     continue;
                 }
-                let tile = grid.tile_mut(cell.tile());
-                tile.revision = revision;
-                let value = &mut tile.log_odds[cell.offset_in_tile()];
+                let value = grid.log_odds_mut(cell, revision);
                 let before = if value.is_nan() { self.start } else { *value };
                 *value = (before + GAIN).clamp(-self.max, self.max);
             }
