@@ -5,13 +5,13 @@ use super::first_echo::{peak, product_of_rests};
 use super::functions::{exp, reciprocal, reciprocal_root};
 use super::geometry::{Band, Wide, make_room};
 use super::lanes::Lanes;
-use super::layout::{Beam, Layout};
+use super::layout::{Beam, Layout, Piece};
 use super::oriented_answers::Answers;
 use super::oriented_cells::{Profile, Wides, each_direction, states_of};
 use super::oriented_settled::settle;
 use super::wide::Work;
 use super::{Apex, Place};
-use crate::grid::{Grid, TILE_SIDE};
+use crate::grid::{TILE_CELLS, TILE_SIDE};
 use crate::oriented::{DIRECTIONS, STATES};
 use crate::shares::{SLACK, Shares};
 
@@ -89,8 +89,7 @@ impl Work for Weighing<'_> {
         let answers = &*answers;
         scratch.layout.lay_out::<L>(&beam, &apex, &profile.geometry);
         let wide = Wides::<L>::new(profile, answers);
-        settle::<L>(&scratch.layout, &wide, &mut place);
-        look_up::<L>(scratch, profile, &wide, place.grid);
+        look_up::<L>(scratch, profile, &wide, &mut place);
         // Nothing in front of the echo answered
         let unanswered = product_of_rests::<L>(&scratch.front.probabilities, scratch.front.count);
         let mut total = (1.0 - cone.reading.lost) * unanswered;
@@ -113,7 +112,7 @@ fn aside<L: Lanes>(square: L, across: L) -> L {
 }
 /// a of the cells in front of the echo, and what is known of those around it.
 #[inline(always)]
-fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile<'_>, wides: &Wides<'_, L>, grid: &Grid) {
+fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile<'_>, wides: &Wides<'_, L>, place: &mut Place<'_>) {
     let Scratch { layout, front, band, .. } = scratch;
     let FrontCells { responses, givens, sums, probabilities, .. } = front;
     let room_in_front = layout.front.room::<L>();
@@ -130,15 +129,18 @@ fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile<'_>, wides: &Wides
     }
     let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
     for pieces in &layout.tiles {
-        let Some(shares) = grid.tile(pieces.index).and_then(|tile| tile.shares.as_ref()) else { continue };
-        for (vector, piece) in (from.0..).zip(layout.front.between(from.0, pieces.front)) {
+        let [of_front, of_band] =
+            [layout.front.between(from.0, pieces.front), layout.band.between(from.1, pieces.band)];
+        let (shares, log_odds) = place.states(pieces.index);
+        settle::<L>(wides, [of_front, of_band], shares, log_odds);
+        for (vector, piece) in (from.0..).zip(of_front) {
             let values = states_of::<L>(shares, usize::from(piece.offset));
             let (answered, of) = wides.answering(&values, L::load(&givens[at..]), responses.of_mut::<L>(vector));
             answered.store(&mut probabilities[at..]);
             of.store(&mut sums[at..]);
             at += usize::from(piece.cells);
         }
-        for piece in layout.band.between(from.1, pieces.band) {
+        for piece in of_band {
             let row = shares.row(usize::from(piece.offset));
             for (state, to) in band.codes.iter_mut().enumerate() {
                 to[at_band..at_band + SLACK].copy_from_slice(&row[state * TILE_SIDE..state * TILE_SIDE + SLACK]);
@@ -251,8 +253,11 @@ fn store<L: Lanes>(
     }
     let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
     for pieces in &layout.tiles {
-        let (shares, _) = place.states(pieces.index);
-        for (vector, piece) in (from.0..).zip(layout.front.between(from.0, pieces.front)) {
+        let [of_front, of_band] =
+            [layout.front.between(from.0, pieces.front), layout.band.between(from.1, pieces.band)];
+        let (shares, log_odds) = place.states(pieces.index);
+        let begun = at;
+        for (vector, piece) in (from.0..).zip(of_front) {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
             let mut values = states_of::<L>(shares, first);
             wides.move_states(&mut values, responses.of::<L>(vector), L::load(&givens[at..]));
@@ -267,7 +272,12 @@ fn store<L: Lanes>(
             });
             at += cells;
         }
-        for piece in layout.band.between(from.1, pieces.band) {
+        for at in (begun..at).step_by(L::COUNT) {
+            wides.log_odds(L::load(&sums[at..])).store(&mut sums[at..]);
+        }
+        store_log_odds::<L>(of_front, &sums[begun..], log_odds);
+        store_log_odds::<L>(of_band, &band.log_odds[at_band..], log_odds);
+        for piece in of_band {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
             let row = shares.row_mut(first);
             for (codes, to) in band.codes.iter().zip(row.chunks_mut(TILE_SIDE)) {
@@ -277,28 +287,14 @@ fn store<L: Lanes>(
         }
         from = (pieces.front, pieces.band);
     }
-    for at in (0..*count).step_by(L::COUNT) {
-        wides.log_odds(L::load(&sums[at..])).store(&mut sums[at..]);
-    }
-    store_log_odds::<L>(layout, sums, &band.log_odds, place);
 }
 
-/// Writes the log-odds of the cells in front of the echo, and around it, to the grid.
+/// Writes the log-odds of some pieces of a tile, one after the other.
 #[inline(always)]
-fn store_log_odds<L: Lanes>(layout: &Layout, mut front: &[f32], mut band: &[f32], place: &mut Place<'_>) {
-    let mut from = (0, 0);
-    for pieces in &layout.tiles {
-        let (_, log_odds) = place.states(pieces.index);
-        for piece in layout.front.between(from.0, pieces.front) {
-            let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-            L::load(front).store_some(&mut log_odds[first..first + cells]);
-            front = &front[cells..];
-        }
-        for piece in layout.band.between(from.1, pieces.band) {
-            let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-            L::load(band).store_some(&mut log_odds[first..first + cells]);
-            band = &band[cells..];
-        }
-        from = (pieces.front, pieces.band);
+fn store_log_odds<L: Lanes>(pieces: &[Piece], mut from: &[f32], log_odds: &mut [f32; TILE_CELLS]) {
+    for piece in pieces {
+        let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
+        L::load(from).store_some(&mut log_odds[first..first + cells]);
+        from = &from[cells..];
     }
 }
