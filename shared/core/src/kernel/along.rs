@@ -1,6 +1,7 @@
 //! The cells around an echo in the order of their distance, and what the sums along the cone make of them.
 
 use super::geometry::make_room;
+use super::lanes::Lanes;
 use super::order::Order;
 
 /// Sums along a cone; kept for its memory.
@@ -29,7 +30,7 @@ impl Along {
     /// S and B along the cone, then A, of cells with `probabilities` a, before which nothing has answered with probability
     /// `unanswered`; what the echo comes from in all. `limits`: of d² − z².
     #[inline(always)]
-    pub(super) fn sum(&mut self, probabilities: &[f32], unanswered: f64, limits: (f64, f64)) -> f64 {
+    pub(super) fn sum<L: Lanes>(&mut self, probabilities: &[f32], unanswered: f64, limits: (f64, f64)) -> f64 {
         let Self { order, own, beyond, before, after, until } = self;
         let count = probabilities.len();
         make_room(before, count);
@@ -38,7 +39,9 @@ impl Along {
             until.resize(count, [0.0; 2]);
         }
         let (mut unanswered, mut total) = (unanswered, 0.0);
-        for index in order.of(&beyond[..count], limits.0 as f32, limits.1 as f32) {
+        let (own, until) = (&mut own[..count], &mut until[..count]);
+        for place in order.of::<L>(&beyond[..count], limits.0 as f32, limits.1 as f32) {
+            let index = *place as usize;
             let a = f64::from(probabilities[index]);
             let likely = unanswered * f64::from(own[index]);
             own[index] = likely as f32;
@@ -46,7 +49,7 @@ impl Along {
             total += a * likely;
             unanswered *= 1.0 - a;
         }
-        for ((before, after), [until, own]) in before.iter_mut().zip(after.iter_mut()).zip(&until[..count]) {
+        for ((before, after), [until, own]) in before.iter_mut().zip(after.iter_mut()).zip(&*until) {
             let behind = (total - until) - own;
             *before = *until as f32;
             *after = if behind > 0.0 { behind as f32 } else { 0.0 };

@@ -31,6 +31,11 @@ pub(super) trait Chosen: Copy {
     fn store_together(self, mask: Self::Mask, to: &mut [f32]);
     /// Of each lane the number at the place that its lowest bits tell ([`super::lanes::WHOLE`]).
     fn pick(self, table: &Table) -> Self;
+    /// The bits of each lane and of that `J` places off (1, 2, 4 or 8, less than there are lanes: its number with that bit turned), as whole
+    /// numbers: the greater of both for those that are told, the lesser for others.
+    fn exchanged<const J: usize>(self, greater: Self::Mask) -> Self;
+    /// Of the bits of both, as whole numbers, the lesser and the greater.
+    fn lesser_and_greater(self, other: Self) -> (Self, Self);
     /// (`self` × step − offset.0)² + ((`other` × step − offset.1)² − (`less` + `rest`)), in double precision up to the end.
     fn squares_less(self, other: Self, step: f64, offset: (f64, f64), less: Self, rest: Self) -> Self;
 }
@@ -81,6 +86,22 @@ impl Chosen for Portable {
     #[inline(always)]
     fn pick(self, table: &Table) -> Self {
         Self(self.0.map(|x| table.0[x.to_bits() as usize % PLACES]))
+    }
+
+    #[inline(always)]
+    fn exchanged<const J: usize>(self, greater: u32) -> Self {
+        Self(core::array::from_fn(|n| {
+            let (own, other) = (self.0[n].to_bits(), self.0[(n ^ J) % 8].to_bits());
+            f32::from_bits(if greater >> n & 1 == 1 { own.max(other) } else { own.min(other) })
+        }))
+    }
+
+    #[inline(always)]
+    fn lesser_and_greater(self, other: Self) -> (Self, Self) {
+        let of = |which: fn(u32, u32) -> u32| {
+            core::array::from_fn(|n| f32::from_bits(which(self.0[n].to_bits(), other.0[n].to_bits())))
+        };
+        (Self(of(u32::min)), Self(of(u32::max)))
     }
 
     #[inline(always)]

@@ -5,7 +5,8 @@
 //!
 //! **Bound.** Of the cells of the cone nearer than z + 3 σ_z and r_cap, and only of these, each gains what
 //! [`FirstEcho::gains`] says, times the weight, to within [`super::BOUND`] of log-odds and half a unit in the last place of the stored
-//! single-precision sum. Of two cells whose distances differ by less than 1e-6 of them either may come first.
+//! single-precision sum. Of two cells around the echo whose squared distances
+//! differ by less than 1e-6 of what they span either may come first.
 
 use super::along::Along;
 use super::fit::fit;
@@ -257,7 +258,7 @@ impl Work for Weighing<'_> {
             let squares = (beam.near_m.max(0.0), beam.far_m);
             let limits = (squares.0 * squares.0 - range_m * range_m, squares.1 * squares.1 - range_m * range_m);
             let probabilities = &scratch.band.probabilities[..scratch.band.count];
-            total = scratch.along.sum(probabilities, unanswered, limits);
+            total = scratch.along.sum::<L>(probabilities, unanswered, limits);
             fill_band_gains::<L>(scratch, profile);
         }
         fill_front_gains::<L>(scratch, profile, total);
@@ -274,25 +275,28 @@ fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, grid: &Grid) {
     make_room(&mut band.log_odds, layout.band.room::<L>());
     let (mut from, mut at, mut at_band) = ((0, 0), 0, 0);
     let wide = Wide::<L>::new(&profile.geometry);
+    let detection = L::splat(profile.cone.reading.detection as f32);
     for pieces in &layout.tiles {
         let tile = grid.tile(pieces.index);
         let wide = wide.on_axis(pieces.is_ray);
         for piece in layout.front.between(from.0, pieces.front) {
-            let places = wide.places(pieces.column(*piece), &layout.places[pieces.place(*piece)]);
-            look_up_front::<L>(tile, piece, wide.angular(places.1, places.0), profile, front, at);
+            let (square, across) = wide.places(pieces.column(*piece), &layout.places[pieces.place(*piece)]);
+            // What is written beyond the end of the piece, the next one overwrites.
+            known_of::<L>(tile, piece).store(&mut front.probabilities[at..]);
+            detection.mul(wide.angular(across, square)).store(&mut front.answers[at..]);
             at += usize::from(piece.cells);
         }
         for piece in layout.band.between(from.1, pieces.band) {
-            let cells = usize::from(piece.cells);
-            let to = &mut band.log_odds[at_band..at_band + cells];
-            let first = usize::from(piece.offset);
-            match tile {
-                Some(tile) => to.copy_from_slice(&tile.log_odds[first..first + cells]),
-                None => to.fill(f32::NAN),
-            }
-            at_band += cells;
+            known_of::<L>(tile, piece).store(&mut band.log_odds[at_band..]);
+            at_band += usize::from(piece.cells);
         }
         from = (pieces.front, pieces.band);
+    }
+    // What takes long one after the other in a loop of its own: many cells are under way at once there.
+    for at in (0..at).step_by(L::COUNT) {
+        let known = L::load(&front.probabilities[at..]);
+        let r = L::load(&front.answers[at..]);
+        r.mul(occupied(known, profile)).store(&mut front.probabilities[at..]);
     }
     // The last vector may reach beyond them: nothing that can't be computed, and nothing that answers.
     (front.count, band.count) = (at, at_band);
@@ -301,24 +305,14 @@ fn look_up<L: Lanes>(scratch: &mut Scratch, profile: &Profile, grid: &Grid) {
     band.log_odds[at_band..at_band + 16].fill(0.0);
 }
 
+/// The log-odds of a piece.
 #[inline(always)]
-fn look_up_front<L: Lanes>(
-    tile: Option<&Tile>,
-    piece: &Piece,
-    angular: L,
-    profile: &Profile,
-    front: &mut Cells,
-    at: usize,
-) {
+fn known_of<L: Lanes>(tile: Option<&Tile>, piece: &Piece) -> L {
     let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
-    let known = match tile {
+    match tile {
         Some(tile) => L::load_some(&tile.log_odds[first..first + cells]),
         None => L::splat(f32::NAN),
-    };
-    let r = L::splat(profile.cone.reading.detection as f32).mul(angular);
-    // What is written beyond the end of the piece, the next one overwrites.
-    r.store(&mut front.answers[at..]);
-    r.mul(occupied(known, profile)).store(&mut front.probabilities[at..]);
+    }
 }
 
 /// p of cells of these log-odds.

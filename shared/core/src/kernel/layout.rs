@@ -85,6 +85,8 @@ impl TilePieces {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Layout {
     rows: Rows,
+    /// Of the rows of a tile ([`Layout::cut_rows`]).
+    cut: [Vec<u32>; 4],
     /// Of each row; those of a ray, then those of a cone.
     pub(super) places: Vec<PlaceOfRow>,
     pub(super) tiles: Vec<TilePieces>,
@@ -144,8 +146,11 @@ impl Layout {
                 };
                 let before = self.front.len + self.band.len;
                 match hole_m {
-                    None => self.cut_tile(rows, L::COUNT as i32),
-                    Some(hole_m) => self.cut_tile_without(rows, L::COUNT as i32, geometry, hole_m),
+                    None => {
+                        self.cut_rows(&rows, L::COUNT as i32);
+                        self.cut_tile(rows, L::COUNT as u32);
+                    }
+                    Some(hole_m) => self.cut_tile_without(rows, L::COUNT as u32, geometry, hole_m),
                 }
                 if self.front.len + self.band.len > before {
                     let index = TileIndex { x, y: row.div_euclid(SIDE) };
@@ -165,31 +170,53 @@ impl Layout {
         }
     }
 
+    /// What lies in a tile of some of its rows: around the echo before and behind what is free of each, what is free, and of that
+    /// what is left when one piece is cut off.
+    #[inline(always)]
+    fn cut_rows(&mut self, tile: &RowsOfTile, lanes: i32) {
+        let Self { rows, cut, .. } = self;
+        let count = tile.to - tile.from;
+        for cut in cut.iter_mut().filter(|cut| cut.len() < count) {
+            cut.resize(count, 0);
+        }
+        let [low, high, free_low, free_high] = rows.of(tile.from, tile.to);
+        let [before, behind, free, more] = cut.each_mut().map(|cut| &mut cut[..count]);
+        let (first_column, last_column) = (tile.first_column, tile.first_column + SIDE - 1);
+        // Where in the tile column 0 would be
+        let begins = tile.row_in_tile * SIDE - tile.first_column;
+        for row in 0..count {
+            let (low, high) = (low[row].max(first_column), high[row].min(last_column));
+            let (free_low, free_high) = (free_low[row].max(low), free_high[row].min(high));
+            let is_free = free_low <= free_high;
+            let before_high = if is_free { free_low - 1 } else { high };
+            let behind_low = if is_free { free_high + 1 } else { high + 1 };
+            let free_count = (free_high - free_low + 1).max(0);
+            let at = begins + row as i32 * SIDE;
+            before[row] = piece(at + low, before_high - low + 1);
+            behind[row] = piece(at + behind_low, high - behind_low + 1);
+            free[row] = piece(at + free_low, free_count);
+            more[row] = piece(at + free_low + lanes, free_count - lanes);
+        }
+    }
+
     /// A function of its own: the compiler would spread its few variables over the stack else.
     #[inline(never)]
-    fn cut_tile(&mut self, tile: RowsOfTile, lanes: i32) {
-        let Self { rows, front, band, .. } = self;
-        let columns = Stretch { low: tile.first_column, high: tile.first_column + SIDE - 1 };
+    fn cut_tile(&mut self, tile: RowsOfTile, lanes: u32) {
+        let Self { cut, front, band, .. } = self;
         let (mut front, mut band) = (front.cursor(&tile), band.cursor(&tile));
-        // Where in the tile column 0 would be
-        let mut at = tile.row_in_tile * SIDE - tile.first_column;
-        for (cells, free) in rows.between(tile.from, tile.to) {
-            let cells = cells.and(columns);
-            let free = free.and(cells);
-            if !cells.is_empty() {
-                let [before, behind] = around(cells, free);
-                band.add_few(at, before, lanes);
-                front.add(at, free, lanes);
-                band.add_few(at, behind, lanes);
-            }
-            at += SIDE;
+        let [before, behind, free, more] = cut.each_ref().map(|cut| &cut[..tile.to - tile.from]);
+        for (((before, behind), free), more) in before.iter().zip(behind).zip(free).zip(more) {
+            band.write_all(*before, lanes);
+            front.write(*free, lanes);
+            front.write_all(*more, lanes);
+            band.write_all(*behind, lanes);
         }
         (self.front.len, self.band.len) = (front.len, band.len);
     }
 
     /// Likewise, of a cone the first part of which is a ray.
     #[inline(never)]
-    fn cut_tile_without(&mut self, tile: RowsOfTile, lanes: i32, geometry: &Geometry, hole_m: f64) {
+    fn cut_tile_without(&mut self, tile: RowsOfTile, lanes: u32, geometry: &Geometry, hole_m: f64) {
         let Self { rows, front, band, .. } = self;
         let columns = Stretch { low: tile.first_column, high: tile.first_column + SIDE - 1 };
         let (mut front, mut band) = (front.cursor(&tile), band.cursor(&tile));
@@ -201,10 +228,10 @@ impl Layout {
                 let hole = disc(hole_m, geometry.dy(row), geometry.offset_x, geometry.resolution_m);
                 let [before, behind] = around(cells, free);
                 for part in without(before, hole).into_iter().chain(without(behind, hole)) {
-                    band.add(at, part, lanes);
+                    band.write_all(piece(at + part.low, part.high - part.low + 1), lanes);
                 }
                 for part in without(free, hole) {
-                    front.add(at, part, lanes);
+                    front.write_all(piece(at + part.low, part.high - part.low + 1), lanes);
                 }
             }
             at += SIDE;
@@ -284,34 +311,33 @@ struct Cursor<'a> {
 }
 
 impl Cursor<'_> {
-    /// Writes a piece, which counts if it has cells. (A jump here would be as good as never foreseen.)
+    /// Writes as much of a piece as is computed at once, which counts if it has cells. (A jump here would be as good as never foreseen.)
     #[inline(always)]
-    fn write(&mut self, at: i32, cells: Stretch, lanes: i32) {
-        let count = (cells.high - cells.low + 1).min(lanes);
-        self.pieces[self.len] = Piece { offset: (at + cells.low) as u16, cells: count as u16 };
-        self.len += usize::from(count > 0);
+    fn write(&mut self, piece: u32, lanes: u32) {
+        let cells = (piece >> 16).min(lanes);
+        self.pieces[self.len] = Piece { offset: piece as u16, cells: cells as u16 };
+        self.len += usize::from(cells > 0);
     }
 
-    /// Some cells of a row; hardly ever more than are computed at once.
+    /// Writes a piece.
     #[inline(always)]
-    fn add_few(&mut self, at: i32, cells: Stretch, lanes: i32) {
-        self.write(at, cells, lanes);
-        self.add_rest(at, Stretch { low: cells.low + lanes, ..cells }, lanes);
+    fn write_all(&mut self, piece: u32, lanes: u32) {
+        self.write(piece, lanes);
+        self.write_rest(piece, lanes);
     }
 
-    /// Some cells of a row.
+    /// What is left of it then; hardly ever is anything.
     #[inline(always)]
-    fn add(&mut self, at: i32, cells: Stretch, lanes: i32) {
-        self.write(at, cells, lanes);
-        self.write(at, Stretch { low: cells.low + lanes, ..cells }, lanes);
-        self.add_rest(at, Stretch { low: cells.low + 2 * lanes, ..cells }, lanes);
-    }
-
-    #[inline(always)]
-    fn add_rest(&mut self, at: i32, mut cells: Stretch, lanes: i32) {
-        while !cells.is_empty() {
-            self.write(at, cells, lanes);
-            cells.low += lanes;
+    fn write_rest(&mut self, mut piece: u32, lanes: u32) {
+        while piece >> 16 > lanes {
+            piece = piece + lanes - (lanes << 16);
+            self.write(piece, lanes);
         }
     }
+}
+
+/// Cells of a tile: the first of them, and above that how many they are, none if that is below 0.
+#[inline(always)]
+fn piece(first: i32, count: i32) -> u32 {
+    first as u32 & 0xffff | (count.max(0) as u32) << 16
 }

@@ -5,8 +5,8 @@
 //! moved the log-odds since (a lidar, by a rule of its own; the robot, by being there), all states are moved alike first.
 //!
 //! **Bound.** Of the cells of the cone nearer than the end and r_cap, and only of these, each state gains what [`Oriented::gains`]
-//! says, times the weight, to within [`ORIENTED_BOUND`] and what the code of a state is rounded by. Of two cells whose distances differ
-//! by less than 1e-6 of them either may come first.
+//! says, times the weight, to within [`ORIENTED_BOUND`] and what the code of a state is rounded by. Of two cells around
+//! the echo whose squared distances differ by less than 1e-6 of what they span either may come first.
 
 use super::first_echo::{BEFORE, FINEST_SIGMA_Z_M, LEFT_OUT, peak};
 use super::geometry::{ANGLE, Geometry};

@@ -99,7 +99,7 @@ impl Work for Weighing<'_> {
             weigh_band::<L>(scratch, profile, &wide, range_m);
             let squares = (beam.near_m.max(0.0), beam.far_m);
             let limits = (squares.0 * squares.0 - range_m * range_m, squares.1 * squares.1 - range_m * range_m);
-            total = scratch.along.sum(&scratch.band.probabilities[..scratch.places.count], unanswered, limits);
+            total = scratch.along.sum::<L>(&scratch.band.probabilities[..scratch.places.count], unanswered, limits);
             move_band::<L>(scratch, &wide);
         }
         store::<L>(scratch, profile, &wide, total, &mut place);

@@ -54,6 +54,12 @@ impl Rows {
         cells.zip(free)
     }
 
+    /// Likewise, number by number: first and last cells, and those that are nearer.
+    #[inline(always)]
+    pub(super) fn of(&self, from: usize, to: usize) -> [&[i32]; 4] {
+        [&self.low, &self.high, &self.free_low, &self.free_high].map(|column| &column[from..to])
+    }
+
     /// The lowest and the highest column of some rows; empty if all are.
     #[inline(always)]
     pub(super) fn columns(&self, from: usize, to: usize) -> Stretch {

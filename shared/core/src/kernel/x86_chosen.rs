@@ -103,6 +103,28 @@ impl Chosen for Avx2 {
     }
 
     #[inline(always)]
+    fn exchanged<const J: usize>(self, greater: __m256) -> Self {
+        unsafe {
+            let other = match J {
+                1 => _mm256_permute_ps::<0b10_11_00_01>(self.0),
+                2 => _mm256_permute_ps::<0b01_00_11_10>(self.0),
+                _ => _mm256_permute2f128_ps::<1>(self.0, self.0),
+            };
+            let (lesser, more) = self.lesser_and_greater(Self(other));
+            Self(_mm256_blendv_ps(lesser.0, more.0, greater))
+        }
+    }
+
+    #[inline(always)]
+    fn lesser_and_greater(self, other: Self) -> (Self, Self) {
+        unsafe {
+            let (a, b) = (_mm256_castps_si256(self.0), _mm256_castps_si256(other.0));
+            let (lesser, greater) = (_mm256_min_epu32(a, b), _mm256_max_epu32(a, b));
+            (Self(_mm256_castsi256_ps(lesser)), Self(_mm256_castsi256_ps(greater)))
+        }
+    }
+
+    #[inline(always)]
     fn squares_less(self, other: Self, step: f64, offset: (f64, f64), less: Self, rest: Self) -> Self {
         Self(unsafe {
             let low = [
@@ -172,6 +194,30 @@ impl Chosen for Avx512 {
             let (low, high) = (_mm512_loadu_ps(low.as_ptr()), _mm512_loadu_ps(high.as_ptr()));
             _mm512_permutex2var_ps(low, _mm512_castps_si512(self.0), high)
         })
+    }
+
+    #[inline(always)]
+    fn exchanged<const J: usize>(self, greater: __mmask16) -> Self {
+        unsafe {
+            let other = match J {
+                1 => _mm512_permute_ps::<0b10_11_00_01>(self.0),
+                2 => _mm512_permute_ps::<0b01_00_11_10>(self.0),
+                4 => _mm512_shuffle_f32x4::<0b10_11_00_01>(self.0, self.0),
+                _ => _mm512_shuffle_f32x4::<0b01_00_11_10>(self.0, self.0),
+            };
+            let (own, other) = (_mm512_castps_si512(self.0), _mm512_castps_si512(other));
+            let lesser = _mm512_min_epu32(own, other);
+            Self(_mm512_castsi512_ps(_mm512_mask_max_epu32(lesser, greater, own, other)))
+        }
+    }
+
+    #[inline(always)]
+    fn lesser_and_greater(self, other: Self) -> (Self, Self) {
+        unsafe {
+            let (a, b) = (_mm512_castps_si512(self.0), _mm512_castps_si512(other.0));
+            let (lesser, greater) = (_mm512_min_epu32(a, b), _mm512_max_epu32(a, b));
+            (Self(_mm512_castsi512_ps(lesser)), Self(_mm512_castsi512_ps(greater)))
+        }
     }
 
     #[inline(always)]
