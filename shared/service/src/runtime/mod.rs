@@ -27,8 +27,10 @@ use crate::plan::Plan;
 use crate::store::{Entry, Unrepeatable};
 use crate::{Service, in_words};
 
-/// What was read but not yet acknowledged is acknowledged this soon.
+/// What was read but not yet acknowledged is acknowledged this soon …
 const ACKNOWLEDGE_WITHIN: Duration = Duration::from_millis(50);
+/// … or this soon where the run goes as fast as the graph can take it: a producer upstream may wait for nothing else.
+const ACKNOWLEDGE_AT_MAX_RATE_WITHIN: Duration = Duration::from_millis(2);
 
 /// What a service is to take next.
 #[derive(Debug)]
@@ -346,7 +348,8 @@ impl Runtime {
         };
         let far_ahead = pending().any(|(source, pending)| source.window != u64::MAX && pending >= source.window / 4);
         if !far_ahead && pending().any(|(_, pending)| pending > 0) {
-            self.vitals.hasten(ACKNOWLEDGE_WITHIN);
+            let is_at_max_rate = self.plan.rate.is_none();
+            self.vitals.hasten(if is_at_max_rate { ACKNOWLEDGE_AT_MAX_RATE_WITHIN } else { ACKNOWLEDGE_WITHIN });
         }
         if far_ahead || self.vitals.quiet_for().is_zero() { self.publish_health() } else { Ok(()) }
     }
