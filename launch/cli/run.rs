@@ -38,6 +38,10 @@ pub struct Settings {
     /// (.echogrid), surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
     #[arg(long, value_name = "SOURCE|FILE")]
     pub fix: Option<String>,
+    /// Goes on with the map of an earlier drive (.echogrid, or its folder): the robot is found in it, and what is new is added; --out
+    /// names another folder for the map of both.
+    #[arg(long = "continue", value_name = "MAP", conflicts_with_all = ["slam", "fix", "start"])]
+    pub go_on_with: Option<String>,
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
     #[arg(long, value_name = "WAY|TIME")]
     pub fix_every: Option<Interval>,
@@ -71,6 +75,7 @@ impl Settings {
             resume: self.resume,
             slam: self.slam,
             fix: self.fix,
+            go_on_with: self.go_on_with,
             fix_every: self.fix_every,
             start: self.start.as_deref().and_then(|start| start.try_into().ok()),
             poses: self.poses,

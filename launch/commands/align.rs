@@ -67,7 +67,7 @@ impl Alignment {
     /// told where the map lies, or the start was given.
     pub(super) fn of(document: &MapDocument, truth: &[(u64, Pose2)], wanted: Option<Align>) -> Result<Self> {
         let by = wanted.unwrap_or_else(|| if is_placed(document) { Align::None } else { Align::Start });
-        let pairs = document.path.iter().filter_map(|point| Some((point.pose, at(truth, point.stamp_ns)?)));
+        let pairs = document.last_drive().iter().filter_map(|point| Some((point.pose, at(truth, point.stamp_ns)?)));
         match by {
             Align::None => Ok(Self::none()),
             Align::Start => {

@@ -26,7 +26,7 @@ use echogrid_topics::{Domain, MapInfo};
 
 use super::live::{Watch, Watched};
 use super::spool::Spool;
-use super::{doctor, folder, recognised, stale};
+use super::{doctor, folder, going_on, recognised, stale};
 use crate::cli::View;
 use crate::config::{self, Builtin, Config, Exec, LoadRequest, Rate, RunSetting, ServiceKind};
 use crate::limits;
@@ -87,6 +87,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
     recognised::check(&config.localizer, &config.run.out)?;
+    let earlier = going_on::check(config)?;
     let little = survey.as_ref().map(|survey| overlap(config, survey)).transpose()?.flatten();
     // So is a parameter file that is none. The robot itself may yet have to be turned on.
     if config.drives_pioneer() {
@@ -115,7 +116,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         config::Domain::Auto => Domain::unique(),
         config::Domain::Named(name) => Domain::named(name)?,
     };
-    let mut plan = plan(config, survey.as_ref())?;
+    let mut plan = plan(config, survey.as_ref(), earlier)?;
     let spool = &config.run.spool;
     ensure!(
         !request.resume || !spool.as_os_str().is_empty(),
@@ -219,7 +220,7 @@ pub(super) fn plays_log(config: &Config) -> bool {
 }
 
 /// What the processes are told.
-fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
+fn plan(config: &Config, survey: Option<&LogSurvey>, earlier: Vec<String>) -> Result<Plan> {
     let robot: Option<&Robot> = config.robot.as_ref().or(survey.map(|survey| &survey.robot));
     if let Some(robot) = robot.filter(|robot| robot.sensors.len() > MAX_SENSORS) {
         bail!("robot {:?} has {} sensors, at most {MAX_SENSORS} are possible", robot.name, robot.sensors.len());
@@ -233,7 +234,7 @@ fn plan(config: &Config, survey: Option<&LogSurvey>) -> Result<Plan> {
         let odometry = &config.odometry;
         GridMapper::new(&config.mapper, odometry.noise, odometry.seed, robot.clone())?;
     }
-    let provenance = provenance(config, survey)?;
+    let provenance = Provenance { earlier, ..provenance(config, survey)? };
     // What `auto` comes to, the processes can't know.
     let (mut localization, odometry) = (config.resolved_localization(), config.resolved_odometry());
     let has_lidars_alone =
@@ -299,6 +300,7 @@ pub fn provenance(config: &Config, survey: Option<&LogSurvey>) -> Result<Provena
     Ok(Provenance {
         software: concat!("echogrid ", env!("CARGO_PKG_VERSION")).into(),
         log_sha256: survey.map(|survey| survey.sha256.clone()),
+        earlier: Vec::new(),
         config_toml: config.provenance_toml(survey.map(|survey| &survey.robot))?,
     })
 }

@@ -10,6 +10,7 @@ mod emulate;
 mod evaluate;
 mod experiment;
 mod folder;
+mod going_on;
 mod graph;
 mod info;
 mod live;

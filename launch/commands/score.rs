@@ -68,7 +68,7 @@ struct PathFigures {
 impl PathFigures {
     fn of(document: &MapDocument, truth: &[(u64, Pose2)]) -> Option<Self> {
         let pairs: Vec<(Pose2, Pose2)> =
-            document.path.iter().filter_map(|point| Some((point.pose, at(truth, point.stamp_ns)?))).collect();
+            document.last_drive().iter().filter_map(|point| Some((point.pose, at(truth, point.stamp_ns)?))).collect();
         let error = PathError::of(&pairs)?;
         Some(Self {
             absolute_mean_m: error.absolute_m.mean,

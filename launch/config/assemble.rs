@@ -45,6 +45,14 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     Ok(config)
 }
 
+/// A drive that goes on with a map is localized in it.
+pub(crate) fn localize_to_go_on(config: &mut Config) {
+    let map = &config.run.r#continue;
+    if !map.as_os_str().is_empty() && config.localizer.source == LocatedBy::None {
+        (config.localizer.source, config.localizer.map) = (LocatedBy::Map, map.clone());
+    }
+}
+
 /// Where a robot is localized in a map, which costs nothing but time, it is asked for by way, too, unless it is said when.
 pub(crate) fn ask_by_way(config: &mut Config, origins: &Origins) {
     const EVERY_M: f64 = 2.0;

@@ -16,6 +16,9 @@ use super::reading::{Findings, Setting};
 use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind};
 use super::source::Source;
 
+/// What a folder of maps holds.
+const MAP_FILE: &str = "map.echogrid";
+
 /// What the user typed. What is left out comes from the graph file or is a default.
 #[derive(Debug, Clone, Default)]
 pub struct LoadRequest {
@@ -39,6 +42,8 @@ pub struct LoadRequest {
     pub slam: bool,
     /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`), of a reference path, or a map (`.echogrid`).
     pub fix: Option<String>,
+    /// `--continue`: the map of an earlier drive, or its folder.
+    pub go_on_with: Option<String>,
     /// `--fix-every`: metres or seconds, with their unit.
     pub fix_every: Option<Interval>,
     /// `--start`: where in the map the odometry begins, metres and radians.
@@ -81,6 +86,12 @@ impl LoadRequest {
             let origin = Source::argument(&format!("--fix {fix}"), Some(base));
             found.add(argument::assign("localizer.source", "truth", &origin));
             found.add(argument::assign("replay.truth", truth, &origin));
+        }
+        if let Some(map) = &self.go_on_with {
+            let origin = Source::argument(&format!("--continue {map}"), Some(base));
+            let inside = Path::new(map).join(MAP_FILE).to_string_lossy().into_owned();
+            let file = if base.join(map).is_dir() { &inside } else { map };
+            found.add(argument::assign("run.continue", file, &origin));
         }
         self.add_topics(base, &mut found);
         self.add_recorder(graph, base, &mut found);
@@ -160,7 +171,7 @@ fn fix_file(text: &str, base: &Path) -> Option<(&'static str, &'static str, Stri
     let file = base.join(text);
     let ends_in = |word| Path::new(text).extension().is_some_and(|ending| ending.eq_ignore_ascii_case(word));
     if file.is_dir() {
-        let inside = Path::new(text).join("map.echogrid").to_string_lossy().into_owned();
+        let inside = Path::new(text).join(MAP_FILE).to_string_lossy().into_owned();
         return Some((MAP.0, MAP.1, inside));
     }
     let (source, key) = if ["echogrid", "png", "pgm", "yaml", "npy"].into_iter().any(ends_in) || is_native_file(&file) {

@@ -1,6 +1,7 @@
 //! Whether the services make a graph.
 
 use echogrid_core::localization::Ask;
+use echogrid_localizer::config::Source as LocatedBy;
 use echogrid_topics::Topic;
 use echogrid_topics::contract::MAX_ACKS;
 
@@ -21,6 +22,7 @@ pub(crate) fn problems(config: &Config, origins: &Origins) -> Vec<Problem> {
         let of_service = service_problems(config, name, service, origins);
         of_service.into_iter().chain(wiring_problems(config, name, service, origins))
     });
+    let unasked = unasked.chain(going_on(config, origins));
     let unasked = unasked.chain(two_recorders(config)).chain(composed(config));
     counts.chain(unasked).chain(each).collect()
 }
@@ -71,6 +73,35 @@ fn slam_asks_nobody(config: &Config) -> Option<Problem> {
     let message = "SLAM finds its own way and asks nobody where the robot is: leave out either --slam or --fix";
     let both = config.does_slam() && config.has_localizer();
     both.then(|| Problem { origin: None, key: "localizer.source".to_owned(), value: None, message: message.to_owned() })
+}
+
+/// What a drive that goes on with a map can't be told.
+fn going_on(config: &Config, origins: &Origins) -> Option<Problem> {
+    let map = &config.run.r#continue;
+    if map.as_os_str().is_empty() {
+        return None;
+    }
+    let of_readings = [
+        ("mapper.doubt", config.mapper.doubt),
+        ("mapper.sonar_maps", config.mapper.sonar_maps),
+        ("mapper.keep_readings", config.mapper.keep_readings),
+    ];
+    let (key, message) = if config.does_slam() {
+        ("run.continue", "SLAM makes a map of one drive: leave out either --slam or --continue")
+    } else if config.localizer.source != LocatedBy::Map || config.localizer.map != *map {
+        ("localizer.source", "a drive that goes on with a map (--continue) is localized in it; leave this out")
+    } else if !config.odometry.start.is_open() {
+        (
+            "odometry.start",
+            "a drive that goes on with a map (--continue) begins where the map shows it to be; leave this out",
+        )
+    } else if let Some((key, _)) = of_readings.into_iter().find(|(_, is_asked)| *is_asked) {
+        (key, "of the drives that are gone on with (--continue) nothing is known but their map; leave this out")
+    } else {
+        return None;
+    };
+    let (origin, message) = (origins.get(key).cloned(), message.to_owned());
+    Some(Problem { origin, key: key.to_owned(), value: None, message })
 }
 
 /// A schedule for localizations that nobody makes.

@@ -22,6 +22,8 @@ pub struct RunConfig {
     pub alive_within_s: f64,
     /// The folder in which services store what a run can be resumed from when all of it died; empty: nowhere.
     pub spool: PathBuf,
+    /// The map of an earlier drive, which this one is localized in and goes on with; empty: none.
+    pub r#continue: PathBuf,
 }
 
 impl Default for RunConfig {
@@ -33,6 +35,7 @@ impl Default for RunConfig {
             robot: AUTO.to_owned(),
             alive_within_s: 30.0,
             spool: PathBuf::new(),
+            r#continue: PathBuf::new(),
         }
     }
 }

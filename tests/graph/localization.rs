@@ -228,7 +228,13 @@ fn the_user_says_where_the_robot_is_and_pauses_mapping() {
 }
 
 /// A drive through a world that is simulated; its log, and its map where fixes are exact.
-fn simulated(folder: &std::path::Path, name: &str, world: &str, seed: u32, more: &[&str]) -> (String, String) {
+pub(crate) fn simulated(
+    folder: &std::path::Path,
+    name: &str,
+    world: &str,
+    seed: u32,
+    more: &[&str],
+) -> (String, String) {
     let (out, log) = (path(&folder.join(name)), path(&folder.join(format!("{name}.log"))));
     let sets = [
         format!("simulator.world={world}"),

@@ -13,6 +13,7 @@ mod experiment;
 mod failure;
 mod filters;
 mod frames;
+mod going_on;
 mod harness;
 mod kills;
 mod languages;

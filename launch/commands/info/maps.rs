@@ -49,7 +49,13 @@ pub(super) fn native(file: &Path) -> Result<Facts> {
     facts.line("facing", if document.facing.is_some() { "told, of each wall" } else { "not told" });
     facts.line("made by", document.provenance.software.clone());
     let log = document.provenance.log_sha256.as_deref();
-    facts.line("of", log.map_or("live readings".to_owned(), |sha256| format!("a log with SHA-256 {sha256}")));
+    let of = log.map_or("live readings".to_owned(), |sha256| format!("a log with SHA-256 {sha256}"));
+    let earlier = match document.provenance.earlier.len() {
+        0 => String::new(),
+        1 => ", going on with the map of an earlier drive".to_owned(),
+        drives => format!(", going on with the map of {drives} earlier drives"),
+    };
+    facts.line("of", format!("{of}{earlier}"));
     facts.value("resolution_m", resolution_m);
     facts.value("bounds_m", json!(bounds_m));
     facts.value("cells", json!({"known": known, "occupied": occupied, "free": free, "undecided": undecided}));

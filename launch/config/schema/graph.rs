@@ -66,6 +66,12 @@ static RUN: Section = Section {
             "a path",
             "a folder on disk: what is stored there outlives the whole graph, and --resume goes on with it; empty: none",
         ),
+        text(
+            "continue",
+            Text::Path,
+            "a path",
+            "the native map of an earlier drive, which this one is localized in and goes on with; empty: none",
+        ),
     ],
     probe: probe::<RunConfig>,
     defaults: defaults::<RunConfig>,

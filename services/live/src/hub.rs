@@ -122,7 +122,7 @@ impl Scene {
             TileLayer::Sonar(sonar) => (Layer::Sonar(sonar), Levels::of(|cell| picture::level(log_odds[cell]))),
             TileLayer::Doubt => (Layer::Doubt, Levels::of(|cell| doubt_level(log_odds[cell]))),
             // The page does not show it.
-            TileLayer::Facing => return,
+            TileLayer::Facing | TileLayer::State(_) => return,
         };
         if layer == Layer::Occupancy {
             let grid = self.grid.get_or_insert_with(|| Grid::new(resolution_m));

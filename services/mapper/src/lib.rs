@@ -3,6 +3,7 @@
 //! The mapper needs the pose at the stamp of each reading: it waits until estimates bracket it and
 //! interpolates. So the map depends on the data only, never on which process ran first.
 
+mod going_on;
 mod readings;
 mod saving;
 mod trajectory;
@@ -57,6 +58,8 @@ impl Scan {
 #[derive(Debug, Deserialize)]
 struct Run {
     out: PathBuf,
+    #[serde(default)]
+    r#continue: PathBuf,
 }
 
 /// The mapper service.
@@ -81,6 +84,9 @@ pub struct MapperService {
     remapped: (u64, u64),
     /// Of each sonar, by its number.
     sonar_counts: Vec<VerdictCounts>,
+    /// The map of an earlier drive that is yet to be gone on with, and the number of its last scan once it was.
+    earlier: Option<PathBuf>,
+    scans_before: u64,
     /// None unless readings are kept, and somebody said where.
     readings_file: Option<ReadingsFile>,
     /// By the user.
@@ -115,6 +121,8 @@ impl MapperService {
             counts: VerdictCounts::default(),
             remapped: (0, 0),
             sonar_counts: Vec::new(),
+            earlier: None,
+            scans_before: 0,
             readings_file: None,
             paused: false,
             scans: 0,
@@ -134,7 +142,15 @@ impl MapperService {
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
         let mapper = Self::new(&plan.section("mapper")?, &plan.section("odometry")?)?;
-        Ok(mapper.saving_readings_in(run.out).at_rate(plan.rate))
+        let mapper = mapper.saving_readings_in(run.out).at_rate(plan.rate);
+        Ok(if run.r#continue.as_os_str().is_empty() { mapper } else { mapper.going_on_with(run.r#continue) })
+    }
+
+    /// Goes on with the map of an earlier drive, a native one, once it is known where in it the robot is.
+    #[must_use]
+    pub fn going_on_with(mut self, map: PathBuf) -> Self {
+        self.earlier = Some(map);
+        self
     }
 
     /// Tells changed tiles as often as `mapper.tiles_every_s` says, for a sensor that is so many times as fast as real time; none: as
@@ -181,6 +197,7 @@ impl MapperService {
         }
         self.rectify(u64::MAX, self.revision.saturating_add(1));
         self.publish_tiles(out);
+        self.send_states(out);
         self.finished = true;
         self.publish_info(out);
         self.save_readings()?;
@@ -233,12 +250,13 @@ impl MapperService {
 
     fn integrate_oldest(&mut self, out: &mut Outbox) {
         if let Some(Scan { stamp_ns, sequence, .. }) = self.waiting.front() {
-            self.rectify(*stamp_ns, *sequence);
+            self.rectify(*stamp_ns, self.scans_before + *sequence);
         }
         if self.mapper.is_none() {
             return;
         }
-        let Some(scan) = self.waiting.pop_front() else { return };
+        let Some(mut scan) = self.waiting.pop_front() else { return };
+        scan.sequence += self.scans_before;
         self.waited += 1;
         let verdicts = self.integrate(&scan);
         self.trajectory.forget_before(scan.stamp_ns);
@@ -334,6 +352,9 @@ impl MapperService {
             tiles.map(move |(index, _)| (sonar, index))
         };
         self.send_tiles(out, tiles, sonars.flat_map(of_sonar));
+        if self.finished {
+            self.send_states(out);
+        }
         if self.scans > 0 {
             let info = self.info(GridSummary::of(mapper.grid()));
             out.send(self.stamp_ns, Message::Info(info));
@@ -396,10 +417,12 @@ impl Service for MapperService {
             Input::Message { message: Message::Robot(robot), .. } => {
                 if self.mapper.is_none() {
                     self.begin(robot)?;
+                    self.go_on()?;
                 }
             }
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => {
                 self.trajectory.push(stamp_ns, estimate);
+                self.go_on()?;
                 self.integrate_bracketed(out);
             }
             Input::Message { sequence, stamp_ns, message: Message::Scan(readings) } => {

@@ -30,6 +30,9 @@ struct State {
     counts: VerdictCounts,
     remapped: (u64, u64),
     sonar_counts: Vec<VerdictCounts>,
+    /// Whether the map of an earlier drive is yet to be gone on with, and the number of its last scan once it was.
+    is_yet_to_go_on: bool,
+    scans_before: u64,
     /// Of the kept readings.
     scans_kept: Option<u64>,
     paused: bool,
@@ -60,6 +63,8 @@ impl MapperService {
             counts: self.counts,
             remapped: self.remapped,
             sonar_counts: self.sonar_counts.clone(),
+            is_yet_to_go_on: self.earlier.is_some(),
+            scans_before: self.scans_before,
             scans_kept: self.readings_file.as_mut().map(|file| file.save(parts)),
             paused: self.paused,
             scans: self.scans,
@@ -104,6 +109,8 @@ impl MapperService {
             counts: state.counts,
             remapped: state.remapped,
             sonar_counts: state.sonar_counts,
+            earlier: self.earlier.take().filter(|_| state.is_yet_to_go_on),
+            scans_before: state.scans_before,
             paused: state.paused,
             scans: state.scans,
             revision: state.revision,

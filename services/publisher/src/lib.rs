@@ -4,6 +4,7 @@ pub mod config;
 mod path;
 mod sonars;
 
+use std::collections::BTreeMap;
 use std::path::{Path as FilePath, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -11,9 +12,10 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 use config::PublisherConfig;
 use echogrid_core::parts::{Parts, Saved};
-use echogrid_core::{Grid, GridSummary, Tile};
+use echogrid_core::shares::Shares;
+use echogrid_core::{Grid, GridSummary, Tile, TileIndex};
 use echogrid_formats::map::{
-    Drawable, MapDocument, MapError, MapFileOptions, MapFiles, MapFormat, PathPoint, Provenance,
+    Drawable, MapDocument, MapError, MapFileOptions, MapFiles, MapFormat, PathPoint, Provenance, native,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_topics::{Command, Layer, Message, PoseEstimate, TileUpdate, Topic};
@@ -34,6 +36,8 @@ pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[],
 #[derive(Debug, Deserialize)]
 struct Run {
     out: PathBuf,
+    #[serde(default)]
+    r#continue: PathBuf,
 }
 
 /// Where a map is saved.
@@ -70,6 +74,10 @@ pub struct PublisherService {
     facing: Option<Grid>,
     /// Empty unless the mapper keeps a map of each sonar.
     sonars: SonarSheet,
+    /// Of tiles of the map: told when it is finished, or not at all.
+    states: BTreeMap<TileIndex, Shares>,
+    /// The path of the drives before this one.
+    earlier: Vec<PathPoint>,
     path: Path,
     written: Vec<PathBuf>,
     /// What the files that were written last lack of the map, in words; empty: nothing.
@@ -96,6 +104,8 @@ impl PublisherService {
             doubt: None,
             facing: None,
             sonars,
+            states: BTreeMap::new(),
+            earlier: Vec::new(),
             path,
             written: Vec::new(),
             lacking: String::new(),
@@ -109,7 +119,19 @@ impl PublisherService {
     /// A section is missing or wrong.
     pub fn from_plan(plan: &Plan) -> Result<Self> {
         let run: Run = plan.section("run")?;
-        Self::new(plan.section("publisher")?, run.out, plan.section("provenance")?)
+        let publisher = Self::new(plan.section("publisher")?, run.out, plan.section("provenance")?)?;
+        let earlier = &run.r#continue;
+        if earlier.as_os_str().is_empty() {
+            return Ok(publisher);
+        }
+        Ok(publisher.after(native::read_path(earlier).context("run.continue")?))
+    }
+
+    /// The path of the drives that this one goes on with.
+    #[must_use]
+    pub fn after(mut self, earlier: Vec<PathPoint>) -> Self {
+        self.earlier = earlier;
+        self
     }
 
     /// Saves elsewhere than on the disk.
@@ -149,7 +171,8 @@ impl PublisherService {
             tracing::warn!("no reading reached the map: nothing to save");
             return Ok(());
         };
-        let (doubt, facing, path) = (self.doubt.take(), self.facing.take(), self.path.points());
+        let path = [self.earlier.as_slice(), self.path.points().as_slice()].concat();
+        let (doubt, facing) = (self.doubt.take(), self.facing.take());
         let document = MapDocument { grid, doubt, facing, path, provenance: self.provenance.clone() };
         let saved = self.write(&document);
         (self.grid, self.doubt, self.facing) = (Some(document.grid), document.doubt, document.facing);
@@ -200,6 +223,10 @@ impl Service for PublisherService {
                         self.sonars.take(sonar, index, tile, resolution_m);
                         return Ok(());
                     }
+                    Layer::State(state) => {
+                        self.states.entry(index).or_default().set_state(usize::from(state), &tile.log_odds);
+                        return Ok(());
+                    }
                 };
                 *grid.get_or_insert_with(|| Grid::new(resolution_m)).tile_mut(index) = tile;
             }
@@ -209,7 +236,14 @@ impl Service for PublisherService {
                 self.save_in_time(stamp_ns);
             }
             Input::Message { .. } => {}
-            Input::Finish => self.save()?,
+            Input::Finish => {
+                // Before, some are told and some are not, and none would be of the map as it is then.
+                if let Some(grid) = &mut self.grid {
+                    let states = core::mem::take(&mut self.states);
+                    states.into_iter().for_each(|(index, states)| grid.tile_mut(index).shares = Some(states));
+                }
+                self.save()?;
+            }
         }
         Ok(())
     }

@@ -194,6 +194,11 @@ impl Fuser {
         self.add(grid, sounding, &model)
     }
 
+    /// What it was made of.
+    pub(crate) fn config(&self) -> &MapperConfig {
+        &self.config
+    }
+
     /// Of what is occupied, the share that is no smooth wall before any reading.
     pub(crate) fn diffuse(&self) -> f64 {
         self.config.oriented_diffuse

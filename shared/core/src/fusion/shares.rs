@@ -102,6 +102,37 @@ impl Shares {
         }
     }
 
+    /// All codes, row by row, in a row state by state: what [`Shares::of_codes`] takes.
+    #[must_use]
+    pub fn codes(&self) -> &[u16] {
+        &self.codes[..CODES]
+    }
+
+    /// Of as many codes as [`Shares::codes`] has; none if they are more or fewer.
+    #[must_use]
+    pub fn of_codes(codes: &[u16]) -> Option<Self> {
+        let mut shares = Self::default();
+        (codes.len() == CODES).then(|| shares.codes[..CODES].copy_from_slice(codes))?;
+        Some(shares)
+    }
+
+    /// Of each cell of the tile how much more or less probable this state is than before any reading, relative to free.
+    #[must_use]
+    pub fn state(&self, state: usize) -> Box<[f32; TILE_CELLS]> {
+        let mut values = Box::new([0.0; TILE_CELLS]);
+        for (offset, value) in values.iter_mut().enumerate() {
+            *value = decoded(self.codes[Self::place(offset, state)]);
+        }
+        values
+    }
+
+    /// Likewise, as [`Shares::state`] told it: every such number has a code.
+    pub fn set_state(&mut self, state: usize, values: &[f32; TILE_CELLS]) {
+        for (offset, value) in values.iter().enumerate() {
+            self.codes[Self::place(offset, state)] = coded(*value, 0);
+        }
+    }
+
     /// `bytes` with this after them.
     pub(crate) fn append_to(&self, bytes: &mut Vec<u8>) {
         bytes.extend(self.codes[..CODES].iter().flat_map(|code| code.to_le_bytes()));
@@ -155,6 +186,18 @@ mod tests {
         }
         assert_eq!((coded(0.0, 5), coded(f32::INFINITY, CUT)), (0, u16::MAX));
         assert_eq!(Shares::default().of(77), [1.0; STATES]);
+    }
+
+    #[test]
+    fn states_and_codes_come_back() {
+        let mut shares = Shares::default();
+        shares.set(77, &core::array::from_fn(|state| 0.01 * (state * state) as f32), 9);
+        shares.set(4095, &[1e6; STATES], 0);
+        let mut back = Shares::default();
+        (0..STATES).for_each(|state| back.set_state(state, &shares.state(state)));
+        assert_eq!(back.codes(), shares.codes());
+        assert_eq!(Shares::of_codes(shares.codes()).unwrap().codes(), shares.codes());
+        assert!(Shares::of_codes(&shares.codes()[1..]).is_none());
     }
 
     #[test]

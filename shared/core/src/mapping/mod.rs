@@ -3,6 +3,7 @@
 pub(crate) mod doubt;
 pub(crate) mod driven;
 pub mod foretell;
+mod going_on;
 pub mod kept;
 mod locate;
 mod recorders;

@@ -18,6 +18,15 @@ pub struct MapDocument {
     pub provenance: Provenance,
 }
 
+impl MapDocument {
+    /// The path of the last drive: one that goes on with the map of another may have a clock of its own.
+    #[must_use]
+    pub fn last_drive(&self) -> &[PathPoint] {
+        let back = self.path.windows(2).rposition(|pair| pair[1].stamp_ns < pair[0].stamp_ns);
+        self.path.get(back.map_or(0, |at| at + 1)..).unwrap_or_default()
+    }
+}
+
 /// A point of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PathPoint {
@@ -38,6 +47,9 @@ pub struct Provenance {
     pub software: String,
     /// SHA-256 of the log, hexadecimal; none for a map made of live readings.
     pub log_sha256: Option<String>,
+    /// Of each drive that it goes on with, the first first: the SHA-256 of its log, or `live`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub earlier: Vec<String>,
     /// The configuration in effect, as TOML.
     pub config_toml: String,
 }

@@ -2,6 +2,7 @@
 
 use core::fmt::Debug;
 
+use echogrid_core::oriented::STATES;
 use echogrid_core::{CellIndex, Incidents, TileIndex, Verdict, VerdictCounts};
 use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
@@ -29,6 +30,7 @@ const LAYER_MAP: u16 = 0;
 const LAYER_SONAR: u16 = 1;
 const LAYER_DOUBT: u16 = 2;
 const LAYER_FACING: u16 = 3;
+const LAYER_STATE: u16 = 4;
 
 impl Content for TileUpdate {
     const TOPIC: Topic = Topic::MapTiles;
@@ -80,6 +82,9 @@ pub enum Layer {
     Doubt,
     /// Which way each wall faces: its normal, radians in [0, π) from the x axis of the map, instead of log-odds.
     Facing,
+    /// What each cell would be if it is occupied, of the states of `oriented` this one: how much likelier it is than before any reading,
+    /// relative to free, instead of log-odds. Told once, when the map is finished.
+    State(u16),
 }
 
 /// One tile of the map, whole.
@@ -93,7 +98,7 @@ pub struct TileUpdate {
     pub revision: u64,
     /// Side of a cell, metres.
     pub resolution_m: f64,
-    /// Log-odds (of the doubt: metres, 0 or more; of facing: radians in [0, π)), row by row; NaN is unknown.
+    /// Log-odds (of the doubt: metres, 0 or more; of facing: radians in [0, π); of a state: a ratio above 0), row by row; NaN is unknown.
     pub log_odds: Box<[f32; TILE_CELLS]>,
 }
 
@@ -158,9 +163,9 @@ wire! {
         revision: u64,
         /// Side of a cell, metres; cell (0, 0) has its lower left corner at the origin of the map frame.
         resolution_m: f64,
-        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds; 3 facing: radians.
+        /// 0 the map; 1 the map of one sonar; 2 doubt: metres instead of log-odds; 3 facing: radians; 4 a state: ratios.
         layer: u16,
-        /// Number of the sonar, where the layer is one's; else 0.
+        /// Number of the sonar, or of the state, where the layer is one's; else 0.
         sonar: u16,
         /// Zero.
         reserved: u32,
@@ -226,6 +231,7 @@ impl From<&TileUpdate> for TileWire {
             Layer::Sonar(number) => (LAYER_SONAR, number),
             Layer::Doubt => (LAYER_DOUBT, 0),
             Layer::Facing => (LAYER_FACING, 0),
+            Layer::State(number) => (LAYER_STATE, number),
         };
         Self {
             layer,
@@ -258,8 +264,9 @@ impl TryFrom<&TileWire> for TileUpdate {
             LAYER_SONAR => Layer::Sonar(wire.sonar),
             LAYER_DOUBT => Layer::Doubt,
             LAYER_FACING => Layer::Facing,
+            LAYER_STATE => Layer::State(wire.sonar),
             other => {
-                let expected = "0 map, 1 sonar, 2 doubt or 3 facing";
+                let expected = "0 map, 1 sonar, 2 doubt, 3 facing or 4 a state";
                 return Err(Fault { field: "layer", value: other.to_string(), expected });
             }
         };
@@ -269,6 +276,12 @@ impl TryFrom<&TileWire> for TileUpdate {
         let is_normal = |value: &f32| value.is_nan() || (0.0..core::f32::consts::PI).contains(value);
         if let Some(value) = wire.log_odds.iter().find(|value| layer == Layer::Facing && !is_normal(value)) {
             check(false, "log_odds", value, "radians from 0 to below π, where the layer is facing")?;
+        }
+        if let Layer::State(number) = layer {
+            check(usize::from(number) < STATES, "sonar", number, "the number of a state, 0 to 8")?;
+            if let Some(value) = wire.log_odds.iter().find(|value| value.is_nan() || **value <= 0.0) {
+                check(false, "log_odds", value, "a ratio above 0, where the layer is a state")?;
+            }
         }
         Ok(Self {
             layer,

@@ -12,6 +12,7 @@
 //! | `TILE` | up to 256 tiles, in the order of (y, x): how many (u32), then a zlib stream of x, y (i32 each) and revision (u64) of each, then of the 4096 log-odds (f32) of each, row by row from the lowest y, the lowest byte, of all of them the second byte, the third, the highest; unknown is NaN `00 00 c0 7f`. As many sections as it takes |
 //! | `doub` | optional: as `TILE`, with metres instead of log-odds, 0 or more: how much odometry error the evidence of each cell carried |
 //! | `face` | optional: as `TILE`, with the normal of the wall in each cell instead, radians in [0, π): which way it faces |
+//! | `stat` | optional: up to 64 tiles of the map, in the same order: how many (u32), then a zlib stream of x, y (i32 each) of each, then of the 4096 × 9 states (u16) of each the lower byte, and of all of them the higher: what a mapper knows of each cell besides its log-odds, row by row, in a row state by state (diffuse, then a wall of each of eight directions): how much likelier it is than before any reading, relative to free, its number in single precision with 5 bits of exponent, from 2^-15 on, and 11 of mantissa. As many sections as it takes |
 //! | `END ` | nothing |
 //!
 //! A section whose tag begins with a small letter is optional, and a reader that does not know one leaves it out. So a map is written
@@ -24,6 +25,7 @@
 //! is cut, damaged, or made by a newer version is an error that says so.
 
 mod read;
+mod states;
 #[cfg(test)]
 mod tests;
 mod write;
@@ -32,11 +34,11 @@ use std::io::Write as _;
 use std::path::Path;
 
 pub(super) use read::Cursor;
-pub use read::{NativeError, decode};
+pub use read::{NativeError, decode, decode_path};
 pub use write::encode;
 pub(super) use write::section;
 
-use super::{MapDocument, MapError};
+use super::{MapDocument, MapError, PathPoint};
 use crate::read_at_most;
 use crate::whole_file::WholeFile;
 
@@ -57,6 +59,7 @@ const PATH: [u8; 4] = *b"PATH";
 const TILES: [u8; 4] = *b"TILE";
 const DOUBT: [u8; 4] = *b"doub";
 const FACING: [u8; 4] = *b"face";
+const STATES: [u8; 4] = *b"stat";
 const END: [u8; 4] = *b"END ";
 
 /// Bytes of a path point.
@@ -90,4 +93,13 @@ pub fn write(path: &Path, document: &MapDocument) -> Result<(), MapError> {
 pub fn read(path: &Path) -> Result<MapDocument, MapError> {
     let bytes = read_at_most(path, u64::MAX - 1).map_err(|source| MapError::read(path, source))?;
     decode(&bytes).map_err(|source| MapError::Native { path: path.to_path_buf(), source })
+}
+
+/// Reads the path of a native map alone.
+///
+/// # Errors
+/// As [`read`], as far as the path.
+pub fn read_path(path: &Path) -> Result<Vec<PathPoint>, MapError> {
+    let bytes = read_at_most(path, u64::MAX - 1).map_err(|source| MapError::read(path, source))?;
+    decode_path(&bytes).map_err(|source| MapError::Native { path: path.to_path_buf(), source })
 }

@@ -7,10 +7,10 @@ use echogrid_core::{Grid, Pose2, TILE_CELLS, TileIndex};
 use flate2::read::ZlibDecoder;
 
 use super::{
-    BLOCK_TILES, DOUBT, END, FACING, GRID, MAGIC, NUMBERS_BYTES, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE,
+    BLOCK_TILES, DOUBT, END, FACING, GRID, MAGIC, NUMBERS_BYTES, PATH, PLAIN_VERSION, POINT_BYTES, PROVENANCE, STATES,
     TILE_BYTES, TILE_INDEX_MAX, TILES, TILES_MAX, VERSION, WHOLE_VERSION,
 };
-use crate::map::{MapDocument, PathPoint};
+use crate::map::{MapDocument, PathPoint, Provenance};
 
 /// What is wrong with a native map.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -103,22 +103,7 @@ fn escape(bytes: &[u8]) -> String {
 /// # Errors
 /// When the bytes are cut, damaged, of a newer version, or no native map.
 pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
-    let mut cursor = Cursor::new(bytes);
-    if bytes.len() < MAGIC.len() && MAGIC.starts_with(bytes) {
-        return Err(cursor.cut(MAGIC.len() - bytes.len(), "magic"));
-    }
-    if !bytes.starts_with(&MAGIC) {
-        return Err(NativeError::Magic { begins: escape(bytes.get(..16).unwrap_or(bytes)) });
-    }
-    cursor.at = MAGIC.len();
-    let version = u32::from_le_bytes(cursor.array("version")?);
-    if version == 0 || version > VERSION {
-        return Err(NativeError::NewerVersion { found: version });
-    }
-    let (resolution_m, tile_count, point_count) = grid_header(cursor.section(GRID)?)?;
-    let provenance = serde_json::from_slice(cursor.section(PROVENANCE)?)
-        .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "JSON"))?;
-    let path = path(cursor.section(PATH)?, point_count)?;
+    let Head { mut cursor, version, resolution_m, tile_count, provenance, path } = head(bytes)?;
     let mut grid = Grid::new(resolution_m);
     if version <= WHOLE_VERSION {
         tiles(TILES, cursor.section(TILES)?, tile_count, &mut grid)?;
@@ -137,6 +122,10 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
         let layer = match tag {
             DOUBT => &mut doubt,
             FACING => &mut facing,
+            STATES => {
+                super::states::take(content, &mut grid)?;
+                continue;
+            }
             _ => continue,
         };
         if version > WHOLE_VERSION {
@@ -156,6 +145,44 @@ pub fn decode(bytes: &[u8]) -> Result<MapDocument, NativeError> {
         0 => Ok(MapDocument { grid, doubt, facing, path, provenance }),
         count => Err(NativeError::Trailing { at: cursor.at as u64, count: count as u64 }),
     }
+}
+
+/// The path of a native map, from the bytes of its file: what comes after it is not looked at.
+///
+/// # Errors
+/// As [`decode`], as far as the path.
+pub fn decode_path(bytes: &[u8]) -> Result<Vec<PathPoint>, NativeError> {
+    Ok(head(bytes)?.path)
+}
+
+/// What comes before the tiles.
+struct Head<'a> {
+    cursor: Cursor<'a>,
+    version: u32,
+    resolution_m: f64,
+    tile_count: u64,
+    provenance: Provenance,
+    path: Vec<PathPoint>,
+}
+
+fn head(bytes: &[u8]) -> Result<Head<'_>, NativeError> {
+    let mut cursor = Cursor::new(bytes);
+    if bytes.len() < MAGIC.len() && MAGIC.starts_with(bytes) {
+        return Err(cursor.cut(MAGIC.len() - bytes.len(), "magic"));
+    }
+    if !bytes.starts_with(&MAGIC) {
+        return Err(NativeError::Magic { begins: escape(bytes.get(..16).unwrap_or(bytes)) });
+    }
+    cursor.at = MAGIC.len();
+    let version = u32::from_le_bytes(cursor.array("version")?);
+    if version == 0 || version > VERSION {
+        return Err(NativeError::NewerVersion { found: version });
+    }
+    let (resolution_m, tile_count, point_count) = grid_header(cursor.section(GRID)?)?;
+    let provenance = serde_json::from_slice(cursor.section(PROVENANCE)?)
+        .map_err(|error| NativeError::value(PROVENANCE, "provenance", error, "JSON"))?;
+    let path = path(cursor.section(PATH)?, point_count)?;
+    Ok(Head { cursor, version, resolution_m, tile_count, provenance, path })
 }
 
 fn grid_header(content: &[u8]) -> Result<(f64, u64, u64), NativeError> {

@@ -4,6 +4,7 @@ use std::io::Write as _;
 
 use proptest::prelude::*;
 
+use echogrid_core::shares::Shares;
 use echogrid_core::{Grid, Pose2, TileIndex};
 
 use super::*;
@@ -29,6 +30,7 @@ fn document(tiles: &[TileOf], points: &[(u64, f64, f64)]) -> MapDocument {
     let provenance = Provenance {
         software: "echogrid 0".into(),
         log_sha256: Some("ab".into()),
+        earlier: vec!["live".into(), "cd".into()],
         config_toml: "[mapper]\nresolution_m = 0.05 # ü\n".into(),
     };
     MapDocument { grid, doubt: None, facing: None, path: points.iter().map(point).collect(), provenance }
@@ -113,6 +115,40 @@ fn doubt_comes_back() {
     };
     assert!(add(b"what").unwrap().doubt.is_some());
     assert!(matches!(add(b"What"), Err(NativeError::Section { .. })));
+}
+
+#[test]
+fn states_come_back() {
+    let mut map = small();
+    let mut shares = Shares::default();
+    shares.set_state(3, &core::array::from_fn(|offset| offset as f32));
+    map.grid.tile_mut(TileIndex { x: -1, y: 2 }).shares = Some(shares.clone());
+    let bytes = encode(&map).unwrap();
+    let back = decode(&bytes).unwrap();
+    assert_same(&small(), &back);
+    let of = |x, y| back.grid.tile(TileIndex { x, y }).unwrap().shares.as_ref();
+    assert!(of(-1, 2).unwrap().codes() == shares.codes() && of(0, 0).is_none());
+    assert_eq!(encode(&back).unwrap(), bytes);
+    assert_eq!(decode_path(&bytes).unwrap(), map.path);
+    for length in 0..bytes.len() {
+        assert!(decode(&bytes[..length]).is_err(), "{length}");
+    }
+    // Of a tile that is not there.
+    let section = bytes.windows(4).position(|tag| tag == b"stat").unwrap();
+    let mut twice = bytes.clone();
+    let end = bytes.len() - 16;
+    twice.splice(end..end, bytes[section..end].to_vec());
+    assert!(matches!(decode(&twice), Err(NativeError::Value { field: "tile", .. })));
+}
+
+#[test]
+fn the_last_drive_begins_where_the_clock_does() {
+    let of = |stamps: &[u64]| {
+        let points: Vec<_> = stamps.iter().map(|stamp_ns| (*stamp_ns, 0.0, 0.0)).collect();
+        document(&[], &points).last_drive().iter().map(|point| point.stamp_ns).collect::<Vec<_>>()
+    };
+    assert_eq!((of(&[]), of(&[1, 2, 2]), of(&[5, 6, 1, 2])), (vec![], vec![1, 2, 2], vec![1, 2]));
+    assert_eq!(of(&[5, 6, 1, 2, 0]), [0]);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use super::{
 use crate::map::MapDocument;
 
 /// Fixed: another level would give other bytes. Of planes of bytes more would hardly be less.
-const LEVEL: Compression = Compression::new(1);
+pub(super) const LEVEL: Compression = Compression::new(1);
 
 /// The map as a native file's bytes. The same map gives the same bytes.
 ///
@@ -38,7 +38,11 @@ pub(super) fn parts(document: &MapDocument) -> impl Iterator<Item = Result<Vec<u
         section(&mut end, END, &[]);
         Ok(end)
     });
-    head.chain(Blocks::of(TILES, &document.grid)).chain(doubt).chain(facing).chain(end)
+    head.chain(Blocks::of(TILES, &document.grid))
+        .chain(doubt)
+        .chain(facing)
+        .chain(super::states::blocks(&document.grid))
+        .chain(end)
 }
 
 /// What comes before the tiles; nothing of the map is written where this fails.

@@ -108,7 +108,13 @@ fn good_tile() -> TileWire {
 fn tiles_that_cannot_be() {
     let check = |field, spoil: fn(&mut TileWire)| refused::<_, TileUpdate>(good_tile(), field, spoil);
     assert!(TileUpdate::try_from(&good_tile()).is_ok());
-    check("layer", |w| w.layer = 4);
+    check("layer", |w| w.layer = 5);
+    let state = |w: &mut TileWire| (w.layer, w.sonar, w.log_odds) = (4, 8, [0.5; TILE_CELLS]);
+    let mut good = good_tile();
+    state(&mut good);
+    assert_eq!(TileUpdate::try_from(&good).unwrap().layer, Layer::State(8));
+    check("sonar", |w| (w.layer, w.sonar, w.log_odds) = (4, 9, [0.5; TILE_CELLS]));
+    check("log_odds", |w| (w.layer, w.sonar, w.log_odds) = (4, 8, [f32::NAN; TILE_CELLS]));
     check("log_odds", |w| (w.layer, w.log_odds[5]) = (3, core::f32::consts::PI));
     check("log_odds", |w| (w.layer, w.log_odds[5]) = (2, -0.1));
     check("resolution_m", |w| w.resolution_m = 0.0);
