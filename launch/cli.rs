@@ -20,7 +20,7 @@ pub use evaluate::{Evaluate, Goal};
 pub use new::{NewCommand, SensorLanguage};
 pub use run::{Settings, View};
 pub use topic::{LayoutLanguage, TopicCommand};
-use values::{angle, deviation, listen, png, range_unit, reach, seconds};
+use values::{angle, deviation, listen, place, png, range_unit, reach, seconds};
 
 use crate::commands::align::Align;
 
@@ -307,6 +307,9 @@ pub enum Command {
         /// The path: what `map --slam` writes, or lines `t x y theta`.
         #[arg(default_value = "maps/path.tum")]
         path: PathBuf,
+        /// Where on the robot the sensor sits whose poses the relations are of: metres, and radians or degrees [default: they are the robot's].
+        #[arg(long, num_args = 3, value_names = ["X", "Y", "THETA"], value_parser = place, allow_hyphen_values = true)]
+        mount: Option<Vec<f64>>,
         /// Prints the figures as JSON.
         #[arg(long)]
         json: bool,

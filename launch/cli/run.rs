@@ -6,7 +6,7 @@ use clap::Args;
 use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
 use tracing::Level;
 
-use super::values::{listen, place};
+use super::values::{listen, pair, place};
 use crate::config::{Interval, LoadRequest};
 
 /// What can be set for a run.
@@ -33,6 +33,12 @@ pub struct Settings {
     /// Corrects the poses by what a lidar sees, or sonars hear, again (SLAM); the map is made when the drive is over.
     #[arg(long, conflicts_with_all = ["fix", "fix_every"])]
     pub slam: bool,
+    /// With --slam: this closure is none, as `echogrid closures` names it, nor are those next to it; may be repeated.
+    #[arg(long, value_name = "A,B", value_parser = pair, requires = "slam")]
+    pub forbid: Vec<[u32; 2]>,
+    /// With --slam: this closure is right, as `echogrid closures` names it, whether others agree or not; may be repeated.
+    #[arg(long, value_name = "A,B", value_parser = pair, requires = "slam")]
+    pub require: Vec<[u32; 2]>,
     /// Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (a simulator, or
     /// a log that knows), tf (a recording's map to odom), topic:NAME (its poses); or a file: a map to find the robot in
     /// (.echogrid), surveyed landmarks (.toml), or a reference path with lines `t x y theta` [default: none].
@@ -74,6 +80,8 @@ impl Settings {
             spool: self.spool,
             resume: self.resume,
             slam: self.slam,
+            forbid: self.forbid,
+            require: self.require,
             fix: self.fix,
             go_on_with: self.go_on_with,
             fix_every: self.fix_every,

@@ -85,6 +85,13 @@ pub(super) fn png(text: &str) -> Result<PathBuf, String> {
     }
 }
 
+/// Two numbers of nodes.
+pub(super) fn pair(text: &str) -> Result<[u32; 2], String> {
+    let expected = || "two numbers, as `echogrid closures` prints them: 12,345".to_owned();
+    let (from, to) = text.split_once(',').ok_or_else(expected)?;
+    Ok([from.trim().parse().map_err(|_| expected())?, to.trim().parse().map_err(|_| expected())?])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

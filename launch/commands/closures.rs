@@ -47,18 +47,21 @@ impl fmt::Display for Table<'_> {
         let [a, b, c] = if is_of_sonars { ["nat", "± m", "± °"] } else { ["score", "near", "rms m"] };
         writeln!(
             f,
-            "{:>9} {:>9}  {:>7} {:>6} {:>6}  {a:>5} {b:>5} {c:>5}  {:>5}  what became of it",
-            "place s", "again s", "loop m", "off m", "off °", "agree"
+            "{:>11} {:>9} {:>9}  {:>7} {:>6} {:>6}  {a:>5} {b:>5} {c:>5}  {:>5}  what became of it",
+            "name", "place s", "again s", "loop m", "off m", "off °", "agree"
         )?;
         let first_ns = closures.iter().map(|closure| closure.from_ns).min().unwrap_or(0);
         for closure in closures {
-            let Evidence { from_ns, to_ns, loop_m, off, by, support, .. } = closure;
+            let Evidence { from, to, from_ns, to_ns, loop_m, off, by, support, .. } = closure;
             let seconds = |stamp_ns: u64| stamp_ns.saturating_sub(first_ns) as f64 * 1e-9;
             let what = match (closure.standing, closure.slides) {
                 (Standing::Applied, false) => "applied",
                 (Standing::Applied, true) => "applied, but along the corridor",
                 (Standing::Alone, _) => "not applied: too few agree",
                 (Standing::TakenBack, _) => "taken back: the rest is against it",
+                (Standing::Forbidden, _) => "forbidden by hand",
+                (Standing::Required, false) => "required by hand",
+                (Standing::Required, true) => "required by hand, but along the corridor",
             };
             let by = match by {
                 By::Points { score, inliers, rms_m } => format!("{score:5.2} {inliers:5.2} {rms_m:5.3}"),
@@ -68,7 +71,8 @@ impl fmt::Display for Table<'_> {
             };
             writeln!(
                 f,
-                "{:9.1} {:9.1}  {loop_m:7.1} {:6.2} {:6.1}  {by}  {support:5}  {what}",
+                "{:>11} {:9.1} {:9.1}  {loop_m:7.1} {:6.2} {:6.1}  {by}  {support:5}  {what}",
+                format!("{from},{to}"),
                 seconds(*from_ns),
                 seconds(*to_ns),
                 off.0,
@@ -82,7 +86,7 @@ impl fmt::Display for Table<'_> {
         };
         writeln!(
             f,
-            "Seconds since the first place. off: from where it was believed to be. {by}. agree: how many other closures do."
+            "name: for --forbid and --require: the numbers of its nodes in graph.g2o. Seconds since the first place. off: from where it was believed to be. {by}. agree: how many other closures do."
         )
     }
 }
@@ -91,6 +95,11 @@ impl fmt::Display for Table<'_> {
 /// What is worth knowing of a drive whose lidar saw next to nothing that it could match.
 pub(super) fn remark(report: &Report) -> Option<String> {
     let Report { nodes, lost, .. } = report;
+    if let Some([lost, nodes]) = report.instead_of_lidar {
+        return Some(format!(
+            "--slam: {lost} of {nodes} scans of the lidar could not be matched, and it recognised no place: the sonars corrected the poses in its place"
+        ));
+    }
     (report.unrecognised.is_none() && 2 * lost > *nodes).then(|| {
         format!(
             "--slam: {lost} of {nodes} scans of the lidar could not be matched; the poses are hardly better than the odometry's, but the map \

@@ -95,7 +95,9 @@ pub fn run(cli: Cli) -> ExitCode {
         }
         Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
         Some(Command::Closures { map, json }) => closures::run(&map, json),
-        Some(Command::Relations { relations, path, json }) => relations::run(&relations, &path, json),
+        Some(Command::Relations { relations, path, mount, json }) => {
+            relations::run(&relations, &path, mount.and_then(|mount| mount.try_into().ok()), json)
+        }
         Some(Command::Why { x, y, map, domain, limit, json }) => {
             let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
             map.and_then(|map| why::run(&why::Request { at: [x, y], map, json, limit }))

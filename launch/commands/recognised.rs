@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Result, ensure};
+use echogrid_core::Verdict;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_topics::MapInfo;
 
@@ -23,8 +24,18 @@ pub(super) fn nobody_could_tell(localizer: &LocalizerConfig) -> String {
     }
 }
 
-/// What is worth knowing of a map that was made without one recognition.
+/// What is worth knowing of a map that was made without one recognition, or of an operator who said nothing.
 pub(super) fn remark(localizer: &LocalizerConfig, map: Option<&MapInfo>) -> Option<String> {
+    if localizer.source == Source::Operator
+        && let Some(map) = map.filter(|map| map.fixes == 0)
+    {
+        let (held, all) = (map.verdicts.get(Verdict::Held), map.verdicts.total());
+        let share = 100 * held / all.max(1);
+        return Some(format!(
+            "--fix operator: nobody said where the robot was (`echogrid fix X Y THETA`), so {held} of {all} readings ({share} %) were held and are not in \
+             the map; without --fix they are mapped where the odometry says"
+        ));
+    }
     let never = localizer.source == Source::Map && map.is_some_and(|map| map.fixes == 0);
     never.then(|| {
         let file = localizer.map.display();

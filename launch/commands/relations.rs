@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use anyhow::{Result, ensure};
+use echogrid_core::Pose2;
 use echogrid_formats::localization::{ReferencePath, Relations};
 use echogrid_slam::evaluate::{Spread, relative};
 use serde::Serialize;
@@ -37,13 +38,15 @@ impl From<Spread> for Errors {
     }
 }
 
-/// Judges `path` by `relations`.
-pub(super) fn run(relations: &Path, path: &Path, json: bool) -> Result<()> {
+/// Judges `path` by `relations`, which are of what sits on the robot at `mount`, if anywhere.
+pub(super) fn run(relations: &Path, path: &Path, mount: Option<[f64; 3]>, json: bool) -> Result<()> {
+    let [x, y, theta] = mount.unwrap_or_default();
+    let base_from_sensor = Pose2::new(x, y, theta);
     let read = Relations::read(relations)?;
     let poses = ReferencePath::read(path)?;
     let mut errors = Vec::new();
     for relation in read.all() {
-        let at = |stamp_ns| poses.at(stamp_ns, GAP_MAX_NS);
+        let at = |stamp_ns| Some(poses.at(stamp_ns, GAP_MAX_NS)? * base_from_sensor);
         if let Some((from, to)) = at(relation.from_ns).zip(at(relation.to_ns)) {
             errors.push(relative(relation.pose, from.inverse() * to));
         }

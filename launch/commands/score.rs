@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use echogrid_core::Pose2;
+use echogrid_formats::localization::{Covariance, ReferencePath, read_covariances};
 use echogrid_formats::log::{self, LogEvent, SurveyOptions};
 use echogrid_formats::map::{MapDocument, native, picture};
 use echogrid_formats::{probe_file, world};
 use echogrid_judge::quality::{Quality, TrueCell, Truth};
-use echogrid_slam::evaluate::PathError;
+use echogrid_slam::evaluate::{Consistency, NEES_OF_ONE, PathError};
+use echogrid_slam_service::{COVARIANCE_FILE, PATH_FILE};
 use serde::Serialize;
 
 use super::align::{Align, Alignment, at};
@@ -42,6 +44,9 @@ pub(super) struct Score<'a> {
     alignment: Option<Alignment>,
     /// How far the map's own path is off; none without the true one.
     path_error: Option<PathFigures>,
+    /// Whether what the path claims of its error is so; none where it claims nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    claims: Option<Claims>,
     /// Points of the world that were not taken for walls.
     points_left_out: usize,
     /// Cells of walls that count.
@@ -63,6 +68,38 @@ struct PathFigures {
     /// Over each metre of true way: metres per metre, and radians per metre.
     per_metre_m: f64,
     per_metre_rad: f64,
+}
+
+/// NEES: the normalized squared error of poses, whose covariances are known.
+#[derive(Debug, Serialize)]
+struct Claims {
+    poses: usize,
+    nees_mean: f64,
+    within_three_sigmas: f64,
+}
+
+impl Claims {
+    /// Of the poses of which it is said beside the map how sure they are.
+    fn of(map: &Path, truth: &[(u64, Pose2)]) -> Result<Option<Self>> {
+        let [path, covariances] = [PATH_FILE, COVARIANCE_FILE].map(|name| map.with_file_name(name));
+        if !(path.is_file() && covariances.is_file()) {
+            return Ok(None);
+        }
+        let poses = ReferencePath::read(&path)?;
+        let claimed = read_covariances(&covariances)?;
+        let of = |(stamp_ns, covariance): &(u64, Covariance)| {
+            Some((poses.at(*stamp_ns, u64::MAX)?, at(truth, *stamp_ns)?, *covariance))
+        };
+        let first =
+            poses.poses().first().and_then(|(stamp_ns, pose)| Some((*pose, at(truth, *stamp_ns)?, [[0.0; 3]; 3])));
+        let claims: Vec<_> = first.into_iter().chain(claimed.iter().filter_map(of)).collect();
+        let found = first.and_then(|_| Consistency::of(&claims));
+        Ok(found.map(|Consistency { poses, mean, within_three_sigmas }| Self {
+            poses,
+            nees_mean: mean,
+            within_three_sigmas,
+        }))
+    }
 }
 
 impl PathFigures {
@@ -106,6 +143,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
         }
     };
     let path_error = truth.as_ref().and_then(|truth| PathFigures::of(&document, truth));
+    let claims = truth.as_ref().map(|truth| Claims::of(&request.map, truth)).transpose()?.flatten();
     let map_from_world = alignment.filter(Alignment::moves).map(|alignment| alignment.map_from_world);
     let world = map_from_world.map_or(Ok(world.clone()), |map_from_world| world.moved(map_from_world))?;
     let path = match truth {
@@ -126,6 +164,7 @@ pub(super) fn judge(request: &Request) -> Result<Score<'_>> {
         poses: path.len(),
         alignment,
         path_error,
+        claims,
         points_left_out,
         cells_occupied: count(TrueCell::Wall),
         cells_free: count(TrueCell::Free),
@@ -203,6 +242,16 @@ impl fmt::Display for Score<'_> {
                 off.absolute_max_m,
                 100.0 * off.per_metre_m,
                 off.per_metre_rad.to_degrees()
+            )?;
+        }
+        if let Some(Claims { poses, nees_mean, within_three_sigmas }) = &self.claims {
+            writeln!(
+                f,
+                "claims       NEES {nees_mean:.2} in the mean of {poses} poses (right: 1; of a single pose {:.2} to {:.1} in 95 of 100), {:.1} % within \
+                 three of its deviations",
+                NEES_OF_ONE.0,
+                NEES_OF_ONE.1,
+                100.0 * within_three_sigmas
             )?;
         }
         if left_out > 0 {

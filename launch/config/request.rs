@@ -40,6 +40,10 @@ pub struct LoadRequest {
     pub sensor: Option<String>,
     /// `--slam`: poses are corrected where a lidar sees, or sonars hear, the same again.
     pub slam: bool,
+    /// Each `--forbid`: the nodes of a closure that is none.
+    pub forbid: Vec<[u32; 2]>,
+    /// Each `--require`: the nodes of one that is right.
+    pub require: Vec<[u32; 2]>,
     /// `--fix`: who says where the robot is; or a file of landmarks (`.toml`), of a reference path, or a map (`.echogrid`).
     pub fix: Option<String>,
     /// `--continue`: the map of an earlier drive, or its folder.
@@ -87,12 +91,7 @@ impl LoadRequest {
             found.add(argument::assign("localizer.source", "truth", &origin));
             found.add(argument::assign("replay.truth", truth, &origin));
         }
-        if let Some(map) = &self.go_on_with {
-            let origin = Source::argument(&format!("--continue {map}"), Some(base));
-            let inside = Path::new(map).join(MAP_FILE).to_string_lossy().into_owned();
-            let file = if base.join(map).is_dir() { &inside } else { map };
-            found.add(argument::assign("run.continue", file, &origin));
-        }
+        self.add_earlier(base, &mut found);
         self.add_topics(base, &mut found);
         self.add_recorder(graph, base, &mut found);
         for (flag, key, value) in [
@@ -111,11 +110,7 @@ impl LoadRequest {
                 found.add(argument::assign(key, value, &Source::argument(&format!("{flag} {value}"), Some(base))));
             }
         }
-        if self.slam {
-            let key = format!("services.{}.exec", name_of(graph, ServiceKind::Odometry));
-            let slam = format!("{BUILTIN_PREFIX}{}", Builtin::Slam.name());
-            found.add(argument::assign(&key, &slam, &Source::argument("--slam", Some(base))));
-        }
+        self.add_slam(graph, base, &mut found);
         if let Some(every) = &self.fix_every {
             let source = Source::argument(&format!("--fix-every {every}"), Some(base));
             found.add(argument::assign("localization.ask", "schedule", &source));
@@ -129,6 +124,35 @@ impl LoadRequest {
             found.add(argument::set(set, &Source::argument(&format!("--set {set}"), Some(base))));
         }
         found
+    }
+
+    fn add_earlier(&self, base: &Path, found: &mut Findings) {
+        if let Some(map) = &self.go_on_with {
+            let origin = Source::argument(&format!("--continue {map}"), Some(base));
+            let inside = Path::new(map).join(MAP_FILE).to_string_lossy().into_owned();
+            let file = if base.join(map).is_dir() { &inside } else { map };
+            found.add(argument::assign("run.continue", file, &origin));
+        }
+    }
+
+    fn add_slam(&self, graph: &[Setting], base: &Path, found: &mut Findings) {
+        if self.slam {
+            let key = format!("services.{}.exec", name_of(graph, ServiceKind::Odometry));
+            let slam = format!("{BUILTIN_PREFIX}{}", Builtin::Slam.name());
+            found.add(argument::assign(&key, &slam, &Source::argument("--slam", Some(base))));
+        }
+        for (flag, key, pairs) in
+            [("--forbid", "slam.forbid", &self.forbid), ("--require", "slam.require", &self.require)]
+        {
+            if !pairs.is_empty() {
+                let typed: Vec<String> = pairs.iter().map(|[from, to]| format!("{flag} {from},{to}")).collect();
+                found.add(argument::assign(
+                    key,
+                    &format!("{pairs:?}"),
+                    &Source::argument(&typed.join(" "), Some(base)),
+                ));
+            }
+        }
     }
 
     fn add_recorder(&self, graph: &[Setting], base: &Path, found: &mut Findings) {

@@ -178,6 +178,8 @@ fn mapping_holds_while_nobody_knows_where_the_robot_is() {
         let summary = summary(&drive.map(out, &[&["--json", "-q"][..], more].concat()));
         let refused = summary["refused"].as_array().unwrap().iter();
         let held = refused.filter(|refused| refused["reason"] == "held").map(|held| held["readings"].as_u64().unwrap());
+        let told = summary["log_faults"].to_string().contains("--fix operator: nobody said where the robot was");
+        assert_eq!(told, out == "operator" || out == "on", "{summary}");
         (held.sum::<u64>(), summary["readings"].as_u64().unwrap())
     };
     // An operator could mend it, and does not; without one there is no use in waiting.

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, clippy::print_stderr)] // a test that can not go on has failed
 
 mod bad_input;
+mod by_hand;
 mod calibrate;
 mod cuts;
 mod demo;

@@ -122,3 +122,21 @@ fn more_walls_and_fewer_false_ones_than_other_mappers() {
     assert!(share("free_called_occupied") <= 0.05, "{quality}");
     assert!(share("wall_precision_10cm") >= 0.7, "{quality}");
 }
+
+#[test]
+fn relations_are_of_the_sensor_where_it_sits() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).unwrap();
+        path(&file)
+    };
+    // Half a turn on the spot, by a robot whose laser sits 4 cm behind its middle.
+    let poses = file("path.txt", "1 0 0 0\n2 0 0 3.141592653589793\n");
+    let relations = file("relations.txt", "1 2 0.08 0 0 0 0 3.141592653589793\n");
+    let off_m = |more: &[&str]| {
+        let found = summary(&echogrid(["relations", &relations, &poses, "--json"].iter().chain(more)));
+        found["translation_m"]["mean"].as_f64().unwrap()
+    };
+    assert!((off_m(&[]) - 0.08).abs() < 1e-9 && off_m(&["--mount", "-0.04", "0", "0deg"]) < 1e-9);
+}

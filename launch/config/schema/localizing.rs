@@ -94,6 +94,16 @@ pub(crate) static SLAM: Section = Section {
             "a number from 0 to 10",
             "sonars: by how many nat a reading it must fit worse 0.8 m away; else the place is not told apart, and not taken",
         ),
+        key(
+            "forbid",
+            "a list of pairs of nodes, as [[12, 345]]",
+            "closures that are none, as `echogrid closures` names them (--forbid 12,345), with those within 3 m of way at both ends",
+        ),
+        key(
+            "require",
+            "a list of pairs of nodes, as [[12, 345]]",
+            "closures that are right, whether others agree or not (--require 12,345)",
+        ),
     ],
     probe: probe::<SlamConfig>,
     defaults: defaults::<SlamConfig>,

@@ -23,8 +23,13 @@ const SEEN_NEAR_M: f64 = 0.25;
 const SEEN_M: f64 = 1.5;
 /// A robot that was not found for so much way is looked for everywhere, metres.
 const LOST_M: f64 = 10.0;
-/// It is looked for everywhere again after so much way, metres.
+/// It is looked for everywhere again after so much way, metres …
 const EVERYWHERE_EVERY_M: f64 = 1.0;
+/// … and once it was not found for so much, metres, each so many times as seldom: the less likely it is here at all.
+const LONG_M: f64 = 25.0;
+const SELDOM: i64 = 5;
+/// That it is looked for is said when it was so often.
+const SAID_AFTER: u32 = 5;
 /// What the odometry is taken to be off by besides what it says, as a factor of its deviations, and at least, metres and radians.
 const WIDER: f64 = 1.5;
 const LEAST: (f64, f64) = (0.05, 0.02);
@@ -44,6 +49,8 @@ pub(crate) struct SavedMap {
     is_of_sonars: bool,
     /// What came of looking everywhere: at which step of the way, with which scales.
     looked: Option<(i64, Scales, Result<Located, Unlocated>)>,
+    /// How often it was in vain, one after the other. For the log alone.
+    in_vain: u32,
 }
 
 /// The part of what a map says of its making that matters here.
@@ -72,6 +79,7 @@ impl SavedMap {
             gates,
             is_of_sonars,
             looked: None,
+            in_vain: 0,
         })
     }
 
@@ -101,7 +109,7 @@ impl SavedMap {
                 other => return told(stamp_ns, other),
             }
         }
-        told(stamp_ns, self.anywhere(stamp_ns, estimate.scales, drive))
+        told(stamp_ns, self.anywhere(stamp_ns, estimate, drive))
     }
 
     fn near(
@@ -120,8 +128,12 @@ impl SavedMap {
     }
 
     /// Looks everywhere, but not again before the robot has come farther.
-    fn anywhere(&mut self, stamp_ns: u64, scales: Scales, drive: &Drive) -> Result<Located, Option<Unlocated>> {
+    fn anywhere(&mut self, stamp_ns: u64, estimate: &Estimate, drive: &Drive) -> Result<Located, Option<Unlocated>> {
+        let scales = estimate.scales;
         let (step, then_ns) = drive.step_before(stamp_ns, EVERYWHERE_EVERY_M).ok_or(None)?;
+        if estimate.travel_m > LONG_M && step % SELDOM != 0 {
+            return Err(None);
+        }
         let has_lidar = drive.has_lidar() == Some(true);
         let known = self.looked.filter(|(at, with, _)| *at == step && *with == scales).map(|(_, _, found)| found);
         let found = match known {
@@ -140,12 +152,24 @@ impl SavedMap {
                     self.echoes().find(&piece.trail, &gates)
                 };
                 self.looked = Some((step, scales, found));
+                self.say(found.is_ok());
                 found
             }
         };
         let located = found.map_err(Some)?;
         let since = drive.between(then_ns, stamp_ns, scales).ok_or(None)?;
         Ok(Located { pose: located.pose * since, ..located })
+    }
+
+    fn say(&mut self, is_found: bool) {
+        self.in_vain = if is_found { 0 } else { self.in_vain + 1 };
+        if self.in_vain == SAID_AFTER {
+            tracing::warn!(
+                searches = self.in_vain,
+                "the robot is not recognised yet, and is looked for in the whole map: every metre, from {LONG_M} m on every {SELDOM} m; is it of this \
+                 place?"
+            );
+        }
     }
 
     fn outlines(&mut self) -> &mut OutlineMap {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
-use echogrid_formats::localization::write_tum;
+use echogrid_formats::localization::{Covariance, write_covariances, write_tum};
 use echogrid_formats::write_whole;
 use echogrid_slam::Drive;
 use echogrid_slam::graph::{Edge, Graph};
@@ -17,13 +17,25 @@ pub const PATH_FILE: &str = "path.tum";
 pub const GRAPH_FILE: &str = "graph.g2o";
 /// Every closure with its evidence, as JSON.
 pub const CLOSURES_FILE: &str = "closures.json";
+/// How sure poses of the path are: `t xx xy xh yy yh hh`.
+pub const COVARIANCE_FILE: &str = "path.covariance.txt";
 /// All of them.
-pub const FILES: [&str; 3] = [PATH_FILE, GRAPH_FILE, CLOSURES_FILE];
+pub const FILES: [&str; 4] = [PATH_FILE, GRAPH_FILE, CLOSURES_FILE, COVARIANCE_FILE];
+
+/// What came of a drive.
+pub(crate) struct Written<'a> {
+    pub(crate) path: &'a [(u64, Pose2)],
+    pub(crate) covariances: Vec<(u64, Covariance)>,
+    pub(crate) graph: &'a str,
+    pub(crate) report: &'a Report,
+}
 
 /// Writes all of them, each whole or not at all.
-pub(crate) fn write(folder: &Path, path: &[(u64, Pose2)], graph: &str, report: &Report) -> Result<()> {
+pub(crate) fn write(folder: &Path, what: &Written<'_>) -> Result<()> {
+    let Written { path, covariances, graph, report } = what;
     std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
     write_tum(&folder.join(PATH_FILE), path.iter().copied())?;
+    write_covariances(&folder.join(COVARIANCE_FILE), covariances.iter().copied())?;
     write_whole(&folder.join(GRAPH_FILE), graph.as_bytes())?;
     let report = serde_json::to_string_pretty(report).context("the closures as JSON")?;
     write_whole(&folder.join(CLOSURES_FILE), (report + "\n").as_bytes())?;

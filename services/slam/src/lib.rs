@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
     DrivePose, Estimate, Incidents, JointCovariance, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading,
@@ -27,7 +27,8 @@ use history::History;
 use serde::{Deserialize, Serialize};
 use sonars::Sonars;
 
-pub use files::{CLOSURES_FILE, FILES, GRAPH_FILE, PATH_FILE};
+use files::Written;
+pub use files::{CLOSURES_FILE, COVARIANCE_FILE, FILES, GRAPH_FILE, PATH_FILE};
 
 /// What it reads.
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
@@ -39,6 +40,9 @@ pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[],
 /// How far a pose is off among its neighbours, one standard deviation, metres and radians. (How far all are off together is no matter
 /// to the map.)
 const AMONG_NEIGHBOURS: (f64, f64) = (0.01, 0.003);
+
+/// Of so many poses at most it is told how sure they are.
+const DOUBTS: usize = 500;
 
 /// A scan whose pose is not known yet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -137,9 +141,7 @@ impl SlamService {
             }
             None => state.odometry.step(odom_from_base),
         };
-        if !state.robot.as_ref().is_some_and(has_lidar) {
-            self.sonars.moved(driven);
-        }
+        self.sonars.moved(driven);
         state.history.push(stamp_ns, estimate.pose);
         self.tell_first(out);
         self.take_bracketed();
@@ -167,11 +169,10 @@ impl SlamService {
             let Some((robot, pose)) = self.state.robot.as_ref().zip(history.at(scan.stamp_ns)) else { continue };
             history.scanned(scan.stamp_ns);
             let at = |offset_ns: i32| history.at(scan.stamp_ns.saturating_add_signed(i64::from(offset_ns)));
-            if !has_lidar(robot) {
+            if has_sonars(robot) {
                 self.sonars.heard(robot, scan.stamp_ns, pose, &scan.readings, at);
-                continue;
             }
-            if !self.slam.wants(pose) {
+            if !has_lidar(robot) || !self.slam.wants(pose) {
                 continue;
             }
             // Where the robot was when a beam was measured, seen from where it was at the stamp.
@@ -188,23 +189,40 @@ impl SlamService {
             return Ok(());
         }
         let odom = self.state.history.with_scans();
-        if let Some(robot) = self.state.robot.as_ref().filter(|robot| !has_lidar(robot)) {
-            let found = self.sonars.solved(robot, &odom);
+        self.slam.finish();
+        if let Some(robot) = self.state.robot.as_ref().filter(|robot| self.goes_by_sonars(robot)) {
+            let mut found = self.sonars.solved(robot, &odom)?;
+            let Drive { nodes, lost, .. } = &self.slam.drive;
+            found.report.instead_of_lidar = has_lidar(robot).then_some([*lost, nodes.len() as u64]);
             if let Some(folder) = &self.out {
-                files::write(folder, &found.path(), &found.graph, &found.report)?;
+                let (path, covariances) = (found.path(), found.covariances());
+                files::write(
+                    folder,
+                    &Written { path: &path, covariances, graph: &found.graph, report: &found.report },
+                )?;
             }
             tell(&found.estimates, |estimate| self.sonars.trust(robot, estimate), self.state.leapt, out);
             return Ok(());
         }
-        self.slam.finish();
+        if let Some(unknown) = self.slam.unknown_by_hand() {
+            bail!(unknown);
+        }
         let path = self.slam.drive.path(&odom);
         if let Some(folder) = &self.out {
-            files::write(folder, &path, &files::g2o_of(&self.slam.drive), &Report::of(&self.slam))?;
+            let (graph, report) = (&files::g2o_of(&self.slam.drive), &Report::of(&self.slam));
+            files::write(folder, &Written { path: &path, covariances: self.slam.doubts(DOUBTS), graph, report })?;
         }
         let estimates: Vec<(u64, Estimate)> =
             path.iter().map(|(stamp_ns, pose)| (*stamp_ns, told(*pose, 0.0, self.state.leapt).estimate)).collect();
         tell(&estimates, |_| 1.0, self.state.leapt, out);
         Ok(())
+    }
+}
+
+impl SlamService {
+    /// Whether the sonars correct the drive: there is no lidar, or it recognised nothing.
+    fn goes_by_sonars(&self, robot: &Robot) -> bool {
+        !has_lidar(robot) || has_sonars(robot) && self.slam.drive.recognises_nothing()
     }
 }
 
@@ -219,9 +237,13 @@ fn tell(estimates: &[(u64, Estimate)], trust: impl Fn(&Estimate) -> f64, leaps: 
     }
 }
 
-/// Whether SLAM goes by a lidar of this robot, not by its sonars.
+/// Whether SLAM goes by a lidar of this robot, as long as that recognises anything.
 fn has_lidar(robot: &Robot) -> bool {
     robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Lidar)
+}
+
+fn has_sonars(robot: &Robot) -> bool {
+    robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Sonar)
 }
 
 /// A pose as it is told.
@@ -251,7 +273,7 @@ impl Service for SlamService {
         match input {
             Input::Message { message: Message::Robot(robot), .. } => {
                 ensure!(!robot.sensors.is_empty(), "robot {:?} has no sensor, and SLAM needs one", robot.name);
-                if has_lidar(&robot) {
+                if !has_sonars(&robot) {
                     self.sonars.forget();
                 }
                 self.state.robot.get_or_insert(robot);
@@ -280,6 +302,9 @@ impl Service for SlamService {
         self.state = saved.value(STATE)?;
         self.slam.drive = std::mem::take(&mut self.state.drive);
         self.sonars.restore(saved)?;
+        if self.state.robot.as_ref().is_some_and(|robot| !has_sonars(robot)) {
+            self.sonars.forget();
+        }
         Ok(())
     }
 }

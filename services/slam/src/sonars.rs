@@ -1,16 +1,18 @@
 //! The drive of a robot that has sonars alone: all that was heard waits until it is over.
 
+use anyhow::{Result, bail};
 use echogrid_core::parts::{Parts, Saved, SavedError};
 use echogrid_core::{
     DrivePose, Estimate, Leap, Leaps, MapperConfig, NominalSensor, Odometry, OdometryConfig, Pose2, Reading, Robot,
     SensorKind,
 };
+use echogrid_formats::localization::Covariance;
 use echogrid_slam::SlamConfig;
 use echogrid_slam::report::Report;
 use echogrid_slam::sonar::{self, Heard, Ring, SonarSlam};
 use serde::{Deserialize, Serialize};
 
-use crate::files;
+use crate::{DOUBTS, files};
 
 /// Under what it is saved, whole: who is followed by others keeps several states, each by itself.
 const PART: &str = "sonars";
@@ -24,6 +26,8 @@ pub(crate) struct Sonars {
     odometry: OdometryConfig,
     mapper: MapperConfig,
     state: State,
+    /// Known to be: then nothing is kept.
+    are_none: bool,
 }
 
 /// What the messages so far have come to.
@@ -45,6 +49,16 @@ pub(crate) struct Found {
 }
 
 impl Found {
+    /// Of some poses.
+    pub(crate) fn covariances(&self) -> Vec<(u64, Covariance)> {
+        let some = self.estimates.iter().step_by(self.estimates.len() / DOUBTS + 1);
+        some.map(|(stamp_ns, estimate)| {
+            let covariance = estimate.pose_covariance();
+            (*stamp_ns, core::array::from_fn(|row| core::array::from_fn(|column| covariance[(row, column)])))
+        })
+        .collect()
+    }
+
     pub(crate) fn path(&self) -> Vec<(u64, Pose2)> {
         self.estimates.iter().map(|(stamp_ns, estimate)| (*stamp_ns, estimate.pose)).collect()
     }
@@ -53,11 +67,13 @@ impl Found {
 impl Sonars {
     pub(crate) fn new(slam: &SlamConfig, odometry: &OdometryConfig, mapper: &MapperConfig) -> Self {
         let (slam, odometry, mapper) = (slam.clone(), odometry.clone(), mapper.clone());
-        Self { slam, odometry, mapper, state: State::default() }
+        Self { slam, odometry, mapper, state: State::default(), are_none: false }
     }
 
     pub(crate) fn moved(&mut self, pose: DrivePose) {
-        self.state.driven.push(pose);
+        if !self.are_none {
+            self.state.driven.push(pose);
+        }
     }
 
     pub(crate) fn leapt(&mut self, leap: &Leap) {
@@ -86,13 +102,19 @@ impl Sonars {
 
     /// The drive, corrected by what was heard again; `odom` are the stamps of which poses are told. Where nothing was recognised, the
     /// estimates are those of the odometry, as it tells them without SLAM.
-    pub(crate) fn solved(&self, robot: &Robot, odom: &[(u64, Pose2)]) -> Found {
+    ///
+    /// # Errors
+    /// A closure is forbidden or required that was not found.
+    pub(crate) fn solved(&self, robot: &Robot, odom: &[(u64, Pose2)]) -> Result<Found> {
         let mut slam = SonarSlam::new(&self.slam, &self.mapper, &self.odometry, robot, &self.state.drive);
         slam.finish();
+        if let Some(unknown) = slam.unknown_by_hand() {
+            bail!(unknown);
+        }
         let estimates = if slam.is_corrected() { slam.estimates(odom) } else { self.as_driven() };
         let way_m = estimates.windows(2).map(|pair| pair[0].1.pose.distance_m(pair[1].1.pose)).sum();
         let graph = slam.graph();
-        Found { estimates, graph: files::g2o(graph, &graph.edges), report: slam.report(way_m) }
+        Ok(Found { estimates, graph: files::g2o(graph, &graph.edges), report: slam.report(way_m) })
     }
 
     /// How far a pose can be trusted, as the odometry tells it.
@@ -100,9 +122,9 @@ impl Sonars {
         NominalSensor::of(robot).trust(&estimate.errors, self.mapper.resolution_m)
     }
 
-    /// A lidar corrects this drive.
+    /// There are none.
     pub(crate) fn forget(&mut self) {
-        self.state = State::default();
+        (self.state, self.are_none) = (State::default(), true);
     }
 
     fn as_driven(&self) -> Vec<(u64, Estimate)> {

@@ -192,6 +192,27 @@ fn a_ring_of_sonars_corrects_its_own_odometry() {
 }
 
 #[test]
+fn where_the_lidar_recognises_nothing_the_sonars_correct() {
+    let mut both = ring();
+    // It sees no farther than this.
+    both.sensors.push(Sensor { first_transducer: 16, range_max_m: 0.2, ..robot().sensors.remove(0) });
+    let told = |robot: &Robot| {
+        let (_, told) = driven(&mut service(), robot, 360, |_, _| {});
+        told.into_iter().map(|(stamp_ns, estimate)| (stamp_ns, estimate.pose)).collect::<Path>()
+    };
+    assert!(told(&both) == told(&ring()));
+    // One that sees does it by itself.
+    let mut seeing = both.clone();
+    seeing.sensors[16].range_max_m = 30.0;
+    assert!(told(&seeing) != told(&ring()));
+    let (folder, blind) = (tempfile::tempdir().unwrap(), reborn(&mut service()));
+    driven(&mut SlamService { out: Some(folder.path().into()), ..blind }, &both, 360, |_, _| {});
+    let text = std::fs::read_to_string(folder.path().join(CLOSURES_FILE)).unwrap();
+    let report: Report = serde_json::from_str(&text).unwrap();
+    assert!(report.instead_of_lidar.is_some_and(|[lost, nodes]| 2 * lost > nodes) && report.applied() > 0);
+}
+
+#[test]
 fn killed_at_any_time_sonars_tell_the_same_bits() {
     let (truth, undisturbed) = driven(&mut service(), &ring(), 300, |_, _| {});
     let (_, killed) = driven(&mut service(), &ring(), 300, |service, step| {

@@ -3,6 +3,7 @@
 use echogrid_core::Pose2;
 use serde::{Deserialize, Serialize};
 
+use crate::by_hand::{Found, said_of, unknown};
 use crate::cloud::Cloud;
 use crate::correlate::{Except, Field, Window};
 use crate::graph::{Edge, Kind};
@@ -54,6 +55,18 @@ pub enum Standing {
     Applied,
     /// Applied once, and taken back: the rest of the graph is against it.
     TakenBack,
+    /// Somebody says that it is none.
+    Forbidden,
+    /// Somebody says that it is one: in the graph, whatever the rest says.
+    Required,
+}
+
+impl Standing {
+    /// Whether it is in the graph.
+    #[must_use]
+    pub fn counts(self) -> bool {
+        matches!(self, Self::Applied | Self::Required)
+    }
 }
 
 /// Two scans that show the same place.
@@ -239,6 +252,11 @@ impl Slam {
 
     /// Takes a closure down, and applies it with those that agree with it; whether the graph is another now.
     fn judge(&mut self, mut closure: Closure) -> bool {
+        let said = said_of(&self.config, [closure.from, closure.to], |node| self.way_m(node));
+        if said == Some(Standing::Forbidden) {
+            self.drive.closures.push(Closure { standing: Standing::Forbidden, ..closure });
+            return false;
+        }
         let agreeing: Vec<usize> =
             (0..self.drive.closures.len()).filter(|index| self.agree(&self.drive.closures[*index], &closure)).collect();
         closure.support = agreeing.len() as u32;
@@ -247,29 +265,48 @@ impl Slam {
         for index in &agreeing {
             self.drive.closures[*index].support += 1;
         }
+        if said.is_some() {
+            self.apply(number, Standing::Required);
+        }
         let all = || agreeing.iter().chain([&number]).map(|index| &self.drive.closures[*index]);
         let way_m = |closure: &Closure| self.drive.nodes[closure.to as usize].way_m;
         let span_m =
             all().map(way_m).fold(f64::NEG_INFINITY, f64::max) - all().map(way_m).fold(f64::INFINITY, f64::min);
         let strong = all().filter(|closure| closure.is_strong).count();
         if agreeing.is_empty() || strong == 0 && (agreeing.len() < WEAK_SUPPORT || span_m < WEAK_SPAN_M) {
-            return false;
+            return said.is_some();
         }
         for index in agreeing.iter().copied().chain([number]) {
-            let closure = &mut self.drive.closures[index];
-            if closure.standing == Standing::Alone {
-                closure.standing = Standing::Applied;
-                self.drive.graph.edges.push(Edge {
-                    from: closure.from,
-                    to: closure.to,
-                    measured: closure.measured,
-                    information: closure.information,
-                    kernel: KERNEL,
-                    kind: Kind::Closure(index as u32),
-                });
+            if self.drive.closures[index].standing == Standing::Alone {
+                self.apply(index, Standing::Applied);
             }
         }
         true
+    }
+
+    fn apply(&mut self, index: usize, standing: Standing) {
+        let closure = &mut self.drive.closures[index];
+        closure.standing = standing;
+        self.drive.graph.edges.push(Edge {
+            from: closure.from,
+            to: closure.to,
+            measured: closure.measured,
+            information: closure.information,
+            kernel: if standing == Standing::Required { 0.0 } else { KERNEL },
+            kind: Kind::Closure(index as u32),
+        });
+    }
+
+    /// What is wrong with what was forbidden or required by hand, when all was looked for.
+    #[must_use]
+    pub fn unknown_by_hand(&self) -> Option<String> {
+        let found = |closure: &Closure| Found { nodes: [closure.from, closure.to], standing: closure.standing };
+        let found: Vec<Found> = self.drive.closures.iter().map(found).collect();
+        unknown(&self.config, &found, |node| self.way_m(node))
+    }
+
+    fn way_m(&self, node: u32) -> Option<f64> {
+        Some(self.drive.nodes.get(node as usize)?.way_m)
     }
 
     /// Takes back what the graph, solved, is against. (It counts for hardly anything there by then: the kernel saw to it.)
@@ -288,7 +325,7 @@ impl Slam {
     fn agree(&self, a: &Closure, b: &Closure) -> bool {
         let way = |i: u32, j: u32| (self.drive.nodes[i as usize].way_m - self.drive.nodes[j as usize].way_m).abs();
         let (near, far) = (way(a.from, b.from), way(a.to, b.to));
-        if near > SAME_LOOP_M || far > SAME_LOOP_M || a.to == b.to {
+        if near > SAME_LOOP_M || far > SAME_LOOP_M || a.to == b.to || a.standing == Standing::Forbidden {
             return false;
         }
         let between =

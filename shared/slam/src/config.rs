@@ -37,6 +37,10 @@ pub struct SlamConfig {
     pub sonar_evidence_nat: f64,
     /// Of sonars: how much worse they must fit elsewhere in the place, nat a reading.
     pub sonar_margin_nat: f64,
+    /// Closures that are none, each by the numbers of its two nodes, with those from next to both of them.
+    pub forbid: Vec<[u32; 2]>,
+    /// Closures that are right, whether others agree or not, likewise.
+    pub require: Vec<[u32; 2]>,
 }
 
 impl Default for SlamConfig {
@@ -52,6 +56,8 @@ impl Default for SlamConfig {
             refine_rounds: 3,
             sonar_evidence_nat: 0.8,
             sonar_margin_nat: 0.6,
+            forbid: Vec::new(),
+            require: Vec::new(),
         }
     }
 }
@@ -74,6 +80,18 @@ impl SlamConfig {
         within("closure_margin", self.closure_margin, 0.0, 0.5, "a difference of shares, 0 to 0.5")?;
         within("refine_rounds", f64::from(self.refine_rounds), 0.0, 10.0, "rounds, 0 to 10")?;
         within("sonar_evidence_nat", self.sonar_evidence_nat, 0.1, 10.0, "nat a reading, 0.1 to 10")?;
-        within("sonar_margin_nat", self.sonar_margin_nat, 0.0, 10.0, "nat a reading, 0 to 10")
+        within("sonar_margin_nat", self.sonar_margin_nat, 0.0, 10.0, "nat a reading, 0 to 10")?;
+        let refused = |key, [from, to]: [u32; 2], expected| {
+            Err(ConfigError { key, value: format!("[[{from}, {to}]]"), expected })
+        };
+        for (key, named) in [("forbid", &self.forbid), ("require", &self.require)] {
+            if let Some(pair) = named.iter().find(|[from, to]| from >= to) {
+                return refused(key, *pair, "the place first, as `echogrid closures` prints them");
+            }
+        }
+        match self.require.iter().find(|pair| self.forbid.contains(pair)) {
+            Some(pair) => refused("require", *pair, "what is not in forbid, too"),
+            None => Ok(()),
+        }
     }
 }

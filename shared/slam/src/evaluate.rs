@@ -130,9 +130,65 @@ pub fn nees(pose: Pose2, covariance: &Matrix, is: Pose2) -> Option<f64> {
     (nees.is_finite() && nees >= 0.0).then_some(nees)
 }
 
+/// Whether what a path claims of its own error is so: the normalized squared error of its poses, eᵀ C⁻¹ e / 3.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Consistency {
+    /// How many poses were compared.
+    pub poses: usize,
+    /// NEES, the mean over the poses: 1 where the claims are right; above, too little doubt is claimed.
+    pub mean: f64,
+    /// The share of them whose position and heading lie within three claimed deviations, in each direction that there is.
+    pub within_three_sigmas: f64,
+}
+
+/// Within which NEES of a single pose lies in 95 of 100 cases, if its covariance is right: χ² of three, by three.
+pub const NEES_OF_ONE: (f64, f64) = (0.072, 3.116);
+
+impl Consistency {
+    /// Of poses, the true ones, and what was claimed: covariances of (x, y, θ) in the frame of the map, in which the first pose is certain
+    /// and is laid on its true one. None where none claims anything.
+    #[must_use]
+    pub fn of(claims: &[(Pose2, Pose2, Matrix)]) -> Option<Self> {
+        let (first, is, _) = claims.first()?;
+        let map_from_world = *first * is.inverse();
+        let errors = claims.iter().filter_map(|(pose, is, covariance)| {
+            let is = map_from_world * *is;
+            // One that is certain claims nothing that could be measured.
+            let is_certain = (0..3).any(|axis| covariance[axis][axis] <= 0.0);
+            let off = [pose.x - is.x, pose.y - is.y, wrap_angle(pose.theta - is.theta)];
+            (!is_certain).then(|| matrix::quadratic(&matrix::inverse(covariance), &off)).filter(|chi2| chi2.is_finite())
+        });
+        let errors: Vec<f64> = errors.collect();
+        let share = |count: usize| count as f64 / errors.len() as f64;
+        (!errors.is_empty()).then(|| Self {
+            poses: errors.len(),
+            mean: errors.iter().sum::<f64>() / (3.0 * errors.len() as f64),
+            within_three_sigmas: share(errors.iter().filter(|chi2| **chi2 <= 9.0).count()),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_path_that_claims_what_it_is_off_by_is_consistent() {
+        let frame = Pose2::new(3.0, -1.0, 0.7);
+        let claim = matrix::diagonal([0.04, 0.01, 0.0025]);
+        let at = |x: f64, off: [f64; 3]| {
+            let pose = Pose2::new(x, 0.5, 0.1);
+            (Pose2::new(pose.x + off[0], pose.y + off[1], pose.theta + off[2]), frame * pose, claim)
+        };
+        let mut claims = vec![(Pose2::new(0.0, 0.5, 0.1), frame * Pose2::new(0.0, 0.5, 0.1), matrix::ZERO)];
+        claims.extend([at(1.0, [0.2, -0.1, 0.05]), at(2.0, [-0.2, 0.1, -0.05]), at(3.0, [0.0; 3])]);
+        let found = Consistency::of(&claims).unwrap();
+        assert!((found.mean - 2.0 / 3.0).abs() < 1e-9 && found.poses == 3, "{found:?}");
+        assert_eq!(found.within_three_sigmas, 1.0);
+        claims.push(at(4.0, [0.7, 0.0, 0.0]));
+        assert_eq!(Consistency::of(&claims).unwrap().within_three_sigmas, 0.75);
+        assert_eq!(Consistency::of(&claims[..1]), None, "what is certain claims nothing");
+    }
 
     fn round(index: u32) -> Pose2 {
         let angle = 0.01 * f64::from(index);

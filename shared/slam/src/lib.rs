@@ -3,8 +3,9 @@
 //! As in `core` there is no I/O, clock, thread, file or message here, and no order that depends on hashes: the same readings give the
 //! same bytes on every machine. Units are SI, angles counter-clockwise in (-π, π].
 
+pub mod by_hand;
 pub mod closures;
-pub mod cloud;
+mod cloud;
 pub mod config;
 pub mod correlate;
 pub mod evaluate;

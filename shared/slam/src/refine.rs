@@ -56,7 +56,8 @@ impl Slam {
             Kind::Odometry(_) => true,
             // Where nothing else holds two nodes together, what the drive was followed by does.
             Kind::Match => edge.kernel == 0.0 && self.config.odometry == crate::UseOdometry::Ignore,
-            Kind::Closure(_) => round == 0,
+            // What somebody requires holds to the end.
+            Kind::Closure(_) => round == 0 || edge.kernel == 0.0,
             Kind::Refined => false,
         };
         let mut graph = self.drive.graph.clone();

@@ -21,6 +21,9 @@ pub struct Report {
     /// Of sonars: why places were not recognised that may have been near.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unrecognised: Option<Unrecognised>,
+    /// Of a robot whose lidar recognised nothing, so that its sonars did it: scans of the lidar that could not be laid on others, and all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instead_of_lidar: Option<[u64; 2]>,
     /// What the odometry measured too much, as a share: of translation, of rotation.
     pub scales: [f64; 2],
     /// The pose at the end, one standard deviation in the frame of the map: x and y in metres, heading in radians. None without a pose.
@@ -43,6 +46,12 @@ pub struct Unrecognised {
 /// A closure with its evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Evidence {
+    /// The node of the place, by its number in the pose graph: with the next its name.
+    #[serde(default)]
+    pub from: u32,
+    /// The node from which it was recognised.
+    #[serde(default)]
+    pub to: u32,
     /// When the place was visited first, nanoseconds.
     pub from_ns: u64,
     /// When it was recognised, nanoseconds.
@@ -93,6 +102,8 @@ impl Report {
         let drive = &slam.drive;
         let stamp_ns = |node: u32| drive.nodes.get(node as usize).map_or(0, |node| node.stamp_ns);
         let evidence = drive.closures.iter().map(|closure| Evidence {
+            from: closure.from,
+            to: closure.to,
             from_ns: stamp_ns(closure.from),
             to_ns: stamp_ns(closure.to),
             measured: [closure.measured.x, closure.measured.y, closure.measured.theta],
@@ -110,6 +121,7 @@ impl Report {
             places_tried: drive.tries,
             ambiguous: drive.ambiguous,
             unrecognised: None,
+            instead_of_lidar: None,
             scales: drive.graph.scales,
             end_sigma: slam.doubt_at_the_end().map(|c| [c[0][0].sqrt(), c[1][1].sqrt(), c[2][2].sqrt()]),
             closures: evidence.collect(),
@@ -119,6 +131,6 @@ impl Report {
     /// How many closures stand.
     #[must_use]
     pub fn applied(&self) -> usize {
-        self.closures.iter().filter(|closure| closure.standing == Standing::Applied).count()
+        self.closures.iter().filter(|closure| closure.standing.counts()).count()
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::closures::Closure;
 use crate::config::{SlamConfig, UseOdometry};
 use crate::front::Noise;
-use crate::graph::{Edge, Graph, Solver};
+use crate::graph::{Edge, Graph, Kind, Solver};
 use crate::matrix::Matrix;
 use crate::scan::Points;
 
@@ -15,6 +15,9 @@ const SCALE_SIGMA: f64 = 0.05;
 
 /// How many closures are found before the graph is solved, when the drive is over.
 const SOLVE_EVERY: u32 = 10;
+/// Before, it is solved when one of such χ² has come, or so many.
+const SURPRISE: f64 = 1.0;
+const SOLVE_MOST: usize = 16;
 
 /// A scan that was laid on others.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,6 +52,16 @@ pub struct Drive {
     /// Without odometry: m/s along and across, rad/s.
     pub(crate) speed: [f64; 3],
     pub(crate) searched_at_m: f64,
+    /// So many edges there were when it was solved last.
+    pub(crate) solved: usize,
+}
+
+impl Drive {
+    /// Whether most scans could not be laid on others, and no place was recognised.
+    #[must_use]
+    pub fn recognises_nothing(&self) -> bool {
+        2 * self.lost > self.nodes.len() as u64 && !self.closures.iter().any(|closure| closure.standing.counts())
+    }
 }
 
 /// Simultaneous localization and mapping.
@@ -92,16 +105,28 @@ impl Slam {
         }
         self.drive.searched_at_m = way_m;
         let found = self.look_for_closures(self.drive.nodes.len() - 1);
-        if found {
+        let is_due = found && self.is_due();
+        if is_due {
             self.solve();
         }
-        found
+        is_due
+    }
+
+    /// Whether closures that came since the graph was solved say something that it does not know, or are many. In a building that is driven for
+    /// hours nearly all of them say what it knows.
+    fn is_due(&self) -> bool {
+        let new = || {
+            let edges = self.drive.graph.edges[self.drive.solved..].iter();
+            edges.filter(|edge| matches!(edge.kind, Kind::Closure(_)))
+        };
+        new().count() >= SOLVE_MOST || new().any(|edge| edge.chi2(&self.drive.graph) > SURPRISE)
     }
 
     /// Solves the graph as it is.
     pub fn solve(&mut self) {
         let solver = Solver::new(&self.drive.graph);
         solver.graduate(&mut self.drive.graph);
+        self.drive.solved = self.drive.graph.edges.len();
     }
 
     /// Ends the drive: what was seen twice is laid on each other, and closures that the rest is against are taken back.
@@ -136,6 +161,19 @@ impl Slam {
         if found > 0 {
             self.solve();
         }
+    }
+
+    /// How sure some of the nodes are, at most so many of them: stamps and covariances in the frame of the map, in which the first is certain.
+    #[must_use]
+    pub fn doubts(&self, most: usize) -> Vec<(u64, Matrix)> {
+        let count = self.drive.nodes.len();
+        let mut graph = self.drive.graph.clone();
+        if !self.drive.refined.is_empty() {
+            graph.edges.clone_from(&self.drive.refined);
+        }
+        let chosen: Vec<usize> = (1..count).step_by(count / most.max(1) + 1).collect();
+        let covariances = Solver::new(&graph).covariances(&graph, chosen.iter().copied());
+        chosen.iter().map(|node| self.drive.nodes[*node].stamp_ns).zip(covariances).collect()
     }
 
     /// The covariance of the last pose in the frame of the map, in which the first is certain.

@@ -7,6 +7,7 @@ use echogrid_core::{Pose2, wrap_angle};
 use super::place::HALF_M;
 use super::slam::SonarSlam;
 use super::window::WINDOW_M;
+use crate::by_hand::{Found, said_of, unknown};
 use crate::closures::Standing;
 use crate::graph::{Edge, Kind, Solver};
 use crate::known::{Gates, Located, Prior, Unlocated};
@@ -63,7 +64,7 @@ impl Closure {
             to: self.to as u32,
             measured: pose,
             information: matrix::scaled(&matrix::inverse(&covariance), WEIGHT),
-            kernel: KERNEL,
+            kernel: if self.standing == Standing::Required { 0.0 } else { KERNEL },
             kind: Kind::Closure(number),
         }
     }
@@ -167,31 +168,53 @@ impl SonarSlam<'_> {
 
     /// Takes a closure down, and applies it with those that agree with it. So many were applied.
     fn judge(&mut self, mut closure: Closure) -> usize {
+        let said = said_of(&self.config, [closure.from as u32, closure.to as u32], |node| self.way_m(node));
+        if said == Some(Standing::Forbidden) {
+            self.closures.push(Closure { standing: Standing::Forbidden, ..closure });
+            return 0;
+        }
         let number = self.closures.len();
         let mut agreeing: Vec<usize> =
             (0..number).filter(|index| self.agree(&self.closures[*index], &closure)).collect();
         closure.support = agreeing.len() as u32;
         agreeing.iter().for_each(|index| self.closures[*index].support += 1);
+        closure.standing = said.unwrap_or(Standing::Alone);
         self.closures.push(closure);
         agreeing.push(number);
+        let required = usize::from(said.is_some());
         let ends: BTreeSet<usize> = agreeing.iter().map(|index| self.closures[*index].to).collect();
         if ends.len() <= SUPPORT {
-            return 0;
+            return required;
         }
-        let mut applied = 0;
+        let mut applied = required;
         for index in agreeing {
             let standing = &mut self.closures[index].standing;
-            applied += usize::from(*standing != Standing::Applied);
-            *standing = Standing::Applied;
+            if !standing.counts() {
+                applied += 1;
+                *standing = Standing::Applied;
+            }
         }
         applied
+    }
+
+    /// What is wrong with what was forbidden or required by hand, when all was looked for.
+    #[must_use]
+    pub fn unknown_by_hand(&self) -> Option<String> {
+        let found =
+            |closure: &Closure| Found { nodes: [closure.from as u32, closure.to as u32], standing: closure.standing };
+        let found: Vec<Found> = self.closures.iter().map(found).collect();
+        unknown(&self.config, &found, |node| self.way_m(node))
+    }
+
+    fn way_m(&self, node: u32) -> Option<f64> {
+        Some(self.nodes.get(node as usize)?.way_m)
     }
 
     /// Whether two closures of one loop lead round it to where it began.
     fn agree(&self, a: &Closure, b: &Closure) -> bool {
         let way_m = |i: usize, j: usize| (self.nodes[i].way_m - self.nodes[j].way_m).abs();
         let (near_m, far_m) = (way_m(a.from, b.from), way_m(a.to, b.to));
-        if near_m > SAME_LOOP_M.0 || far_m > SAME_LOOP_M.1 || a.to == b.to {
+        if near_m > SAME_LOOP_M.0 || far_m > SAME_LOOP_M.1 || a.to == b.to || a.standing == Standing::Forbidden {
             return false;
         }
         let between = |i: usize, j: usize| self.graph.poses[i].inverse() * self.graph.poses[j];

@@ -8,7 +8,6 @@ use echogrid_core::{Estimate, Increment, MapperConfig, Matrix3, OdometryConfig, 
 use super::closures::Closure;
 use super::place::Place;
 use super::rings::{Drive, Ring};
-use crate::closures::Standing;
 use crate::config::SlamConfig;
 use crate::graph::{Edge, Graph, Kind, Solver};
 use crate::matrix::{self, Matrix};
@@ -174,7 +173,7 @@ impl<'a> SonarSlam<'a> {
     /// Solves the graph with the closures that are applied.
     pub(super) fn solve(&mut self) {
         self.graph.edges.truncate(self.steps);
-        let applied = self.closures.iter().zip(0..).filter(|(closure, _)| closure.standing == Standing::Applied);
+        let applied = self.closures.iter().zip(0..).filter(|(closure, _)| closure.standing.counts());
         self.graph.edges.extend(applied.map(|(closure, number)| closure.edge(number)));
         let solver = Solver::new(&self.graph);
         solver.graduate(&mut self.graph);

@@ -1,6 +1,5 @@
 //! What came of it, for people and programs.
 
-use crate::closures::Standing;
 use crate::graph::Solver;
 use crate::known::Located;
 use crate::report::{By, Evidence, Report};
@@ -21,6 +20,7 @@ impl SonarSlam<'_> {
             places_tried: self.tries,
             ambiguous: self.unrecognised.ambiguous,
             unrecognised: Some(self.unrecognised),
+            instead_of_lidar: None,
             scales: self.graph.scales,
             end_sigma: covariance.map(|c| [c[0][0].sqrt(), c[1][1].sqrt(), c[2][2].sqrt()]),
             closures: self.closures.iter().map(|closure| self.evidence(closure)).collect(),
@@ -35,6 +35,8 @@ impl SonarSlam<'_> {
         let worst = 0.5 * (c[0][0] + c[1][1] + root);
         let (from, to) = (&self.nodes[closure.from], &self.nodes[closure.to]);
         Evidence {
+            from: closure.from as u32,
+            to: closure.to as u32,
             from_ns: from.stamp_ns,
             to_ns: to.stamp_ns,
             measured: [pose.x, pose.y, pose.theta],
@@ -50,6 +52,6 @@ impl SonarSlam<'_> {
     /// How many closures count.
     #[must_use]
     pub fn applied(&self) -> usize {
-        self.closures.iter().filter(|closure| closure.standing == Standing::Applied).count()
+        self.closures.iter().filter(|closure| closure.standing.counts()).count()
     }
 }
