@@ -39,6 +39,8 @@ struct Answer<'a> {
     exact: bool,
     /// Older readings that there was no room for.
     given_up: u64,
+    /// Log-odds that what is known along walls added.
+    along_walls_added: f64,
     /// How often the robot drove over it, and the log-odds that this added.
     driven_over: usize,
     driven_added: f64,
@@ -134,6 +136,7 @@ pub(super) fn run(request: &Request) -> Result<()> {
         replayed_log_odds: answered.log_odds,
         exact: answered.log_odds.map(f32::to_bits) == log_odds.map(f32::to_bits),
         given_up: kept.given_up,
+        along_walls_added: answered.along_walls_added,
         driven_over: answered.driven_over,
         driven_added: answered.driven_added,
         readings_used: sum(|of| of.readings),
@@ -232,6 +235,9 @@ impl fmt::Display for Answer<'_> {
                 "the robot itself: {:+.2}, it drove over the cell ({} times)",
                 self.driven_added, self.driven_over
             )?;
+        }
+        if self.along_walls_added != 0.0 {
+            writeln!(f, "what is known along walls: {:+.2}", self.along_walls_added)?;
         }
         if self.given_up > 0 {
             writeln!(f, "note: {} older readings are not among them (mapper.keep_readings_max)", self.given_up)?;

@@ -205,7 +205,7 @@ impl PyMapper {
     }
 
     fn dense<'py>(&self, py: Python<'py>) -> Option<DenseMap<'py>> {
-        dense(py, self.mapper.grid())
+        dense(py, &self.mapper.shown())
     }
 
     /// Saves the map as echogrid's own file.
@@ -213,7 +213,7 @@ impl PyMapper {
         let software = concat!("echogrid-python ", env!("CARGO_PKG_VERSION")).to_owned();
         let provenance = Provenance { software, ..Provenance::default() };
         let document = MapDocument {
-            grid: self.mapper.grid().clone(),
+            grid: self.mapper.shown().into_owned(),
             doubt: None,
             facing: None,
             path: self.path.clone(),

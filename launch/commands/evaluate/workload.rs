@@ -65,7 +65,8 @@ impl Workload {
             let scan: Vec<_> = ranges.iter().enumerate().map(reading).collect();
             mapper.integrate_scan(sequence as u64 + 1, &scan);
         }
-        let truth = Truth::of(&self.world, &path, mapper.grid())?;
-        Ok(Quality::against(mapper.grid(), &truth)?)
+        let grid = mapper.shown();
+        let truth = Truth::of(&self.world, &path, &grid)?;
+        Ok(Quality::against(&grid, &truth)?)
     }
 }

@@ -97,6 +97,11 @@ pub(crate) static MAPPER: Section = Section {
             "of oriented: metres, the side of a place: from the third visit on, what is heard there in the same direction says little that is new; 0: off",
         ),
         key(
+            "oriented_wall_m",
+            "a number of metres, 0 or from 0.01 to 1000",
+            "of oriented: metres, how far walls go on in the mean: the map shows a wall the less the surer none is along it; 0: cells are shown as they are",
+        ),
+        key(
             "tempering",
             "a number from 0 to 10",
             "of first_echo: gains are multiplied by (σ of the range without odometry error / with it) to this power",

@@ -324,15 +324,15 @@ impl MapperService {
             out.send(self.stamp_ns, Message::Tile(update));
         };
         for index in tiles {
-            let Some(tile) = mapper.grid().tile(index) else { continue };
-            send(Layer::Map, index, tile.revision, tile.log_odds.as_slice());
+            let Some((tile, shown)) = mapper.grid().tile(index).zip(mapper.shown_tile(index)) else { continue };
+            send(Layer::Map, index, shown.revision, shown.log_odds.as_slice());
             for (plane, cells) in tile.planes() {
                 if let Some(layer) = layer_of(plane) {
-                    send(layer, index, tile.revision, cells);
+                    send(layer, index, shown.revision, cells);
                 }
             }
             if let Some(facings) = self.config.facing.then(|| mapper.facings(index)).flatten() {
-                send(Layer::Facing, index, tile.revision, facings.as_slice());
+                send(Layer::Facing, index, shown.revision, facings.as_slice());
             }
         }
         for (sonar, index) in of_sonars {
@@ -356,7 +356,7 @@ impl MapperService {
             self.send_states(out);
         }
         if self.scans > 0 {
-            let info = self.info(GridSummary::of(mapper.grid()));
+            let info = self.info(GridSummary::of(&mapper.shown()));
             out.send(self.stamp_ns, Message::Info(info));
         }
     }

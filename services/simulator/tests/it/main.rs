@@ -2,10 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // a test that can not go on has failed
 
+mod changes;
 mod drive;
 mod errors;
 mod laps;
+mod mapped;
 mod odometry;
 mod sonar;
 mod stream;
 mod support;
+mod variations;

@@ -180,6 +180,9 @@ pub struct MapperConfig {
     /// Of oriented: the side of a place, metres: from the third visit on, what is heard there in the same direction says little that is
     /// new; 0: off ([`crate::novelty`] holds for every rule).
     pub oriented_place_m: f64,
+    /// Of oriented: how far walls go on in the mean, metres, by which the map shows what is known along them; 0: cells are shown as they
+    /// are.
+    pub oriented_wall_m: f64,
     /// τ of first_echo, as that of oriented.
     pub tempering: f64,
     /// Radius around the robot within which nothing is, as it stands there, metres; 0: it clears nothing.
@@ -233,16 +236,17 @@ impl Default for MapperConfig {
             echo_detection: 0.2,
             echo_clutter: 0.4,
             echo_lost: 0.9,
-            oriented_prior: 0.005,
-            oriented_detection: 0.7,
+            oriented_prior: 0.0165,
+            oriented_detection: 0.95,
             oriented_diffuse: 0.15,
             oriented_incidence_deg: 20.0,
-            oriented_clutter: 0.4,
+            oriented_clutter: 0.3,
             oriented_lost: 0.8,
             oriented_clear_m: 3.5,
             oriented_tempering: 0.9,
-            oriented_looks: 3.5,
+            oriented_looks: 2.5,
             oriented_place_m: 0.2,
+            oriented_wall_m: 2.5,
             tempering: 0.5,
             footprint_m: Limit::Word(LimitWord::Auto),
             remap: true,
@@ -363,6 +367,13 @@ impl MapperConfig {
             place_m == 0.0 || within(place_m, 0.01, 1000.0),
             "oriented_place_m",
             place_m,
+            "metres, 0 (off) or from 0.01 to 1000",
+        )?;
+        let wall_m = self.oriented_wall_m;
+        ConfigError::unless(
+            wall_m == 0.0 || within(wall_m, 0.01, 1000.0),
+            "oriented_wall_m",
+            wall_m,
             "metres, 0 (off) or from 0.01 to 1000",
         )?;
         let (looks, number) = (self.oriented_looks, "a number, 0 (off) or from 1 to 1000000");

@@ -69,6 +69,7 @@ fn mapper_names_the_wrong_key() {
     assert_eq!(mapper_key(|c| c.oriented_tempering = -0.1), Some("oriented_tempering"));
     assert_eq!(mapper_key(|c| c.oriented_looks = 0.5), Some("oriented_looks"));
     assert_eq!(mapper_key(|c| c.oriented_place_m = 0.001), Some("oriented_place_m"));
+    assert_eq!(mapper_key(|c| c.oriented_wall_m = 0.001), Some("oriented_wall_m"));
     assert_eq!(mapper_key(|c| c.novelty_m = f64::NAN), Some("novelty_m"));
     assert_eq!(mapper_key(|c| c.tiles_every_s = -0.1), Some("tiles_every_s"));
     assert_eq!(mapper_key(|c| c.remap_readings_max = 3), Some("remap_readings_max"));

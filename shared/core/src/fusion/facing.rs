@@ -19,17 +19,18 @@ impl GridMapper {
     /// None where the tile is not there, or no rule of fusion knows of directions.
     #[must_use]
     pub fn facings(&self, index: TileIndex) -> Option<Box<[f32; TILE_CELLS]>> {
-        facings_of(self.grid.tile(index)?, self.fuser.diffuse())
+        facings_of(self.grid.tile(index)?, self.shown_tile(index)?.as_ref(), self.fuser.diffuse())
     }
 }
 
 /// The normal of the wall in each cell, radians in [0, π) from the x axis of the map; NaN where there is none that faces one way.
-/// Of what is occupied the share `diffuse` is no smooth wall before any reading. None where nothing but log-odds is known.
-fn facings_of(tile: &Tile, diffuse: f64) -> Option<Box<[f32; TILE_CELLS]>> {
+/// Occupied is what `shown` says; of that the share `diffuse` is no smooth wall before any reading. None where nothing but log-odds is
+/// known.
+fn facings_of(tile: &Tile, shown: &Tile, diffuse: f64) -> Option<Box<[f32; TILE_CELLS]>> {
     let shares = tile.shares.as_ref()?;
     let turned: [(f64, f64); DIRECTIONS] = core::array::from_fn(|k| libm::sincos(TAU * k as f64 / DIRECTIONS as f64));
     let mut facings = Box::new([f32::NAN; TILE_CELLS]);
-    let occupied = tile.log_odds.iter().enumerate().filter(|(_, log_odds)| **log_odds > 0.0);
+    let occupied = shown.log_odds.iter().enumerate().filter(|(_, log_odds)| **log_odds > 0.0);
     for (offset, _) in occupied {
         let [no_wall, walls @ ..] = shares.of(offset).map(f64::from);
         let smooth = (1.0 - diffuse) / DIRECTIONS as f64;
@@ -61,7 +62,7 @@ mod tests {
         let mut shares = Shares::default();
         shares.set(70, &states, 0);
         tile.shares = Some(shares);
-        facings_of(&tile, 0.3).unwrap()[70]
+        facings_of(&tile, &tile, 0.3).unwrap()[70]
     }
 
     #[test]
@@ -90,6 +91,6 @@ mod tests {
             assert!((0.0..PI as f32).contains(&angle), "{angle}");
         }
         assert_eq!(within_half_a_turn(-1e-12), 0.0);
-        assert!(facings_of(&Tile::default(), 0.3).is_none());
+        assert!(facings_of(&Tile::default(), &Tile::default(), 0.3).is_none());
     }
 }

@@ -11,7 +11,7 @@ use crate::filter::Channel;
 use crate::first_echo::FirstEcho;
 use crate::grid::Grid;
 use crate::heard::Heard;
-use crate::kernel::{EchoCone, FanKernel, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
+use crate::kernel::{AlongWalls, EchoCone, FanKernel, FirstEchoKernel, Kernel, OrientedCone, OrientedKernel};
 use crate::log_odds::log_odds_of;
 use crate::noise::NoiseTerms;
 use crate::novelty::Novelty;
@@ -80,6 +80,8 @@ pub(crate) struct Fuser {
     oriented: OrientedKernel,
     pub(crate) novelty: Novelty,
     pub(crate) heard: Heard,
+    /// None: cells are shown as they are.
+    pub(crate) along_walls: Option<AlongWalls>,
 }
 
 impl Fuser {
@@ -100,6 +102,14 @@ impl Fuser {
             ),
             novelty: Novelty::default(),
             heard: Heard::default(),
+            along_walls: (config.oriented_wall_m > 0.0).then(|| {
+                AlongWalls::new(
+                    config.oriented_wall_m,
+                    config.resolution_m,
+                    config.oriented_diffuse,
+                    config.log_odds_max,
+                )
+            }),
         }
     }
 

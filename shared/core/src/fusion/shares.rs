@@ -90,6 +90,11 @@ impl Shares {
         row
     }
 
+    /// The codes of a state in a row of the tile.
+    pub(crate) fn codes_of(&self, row: usize, state: usize) -> &[u16] {
+        &self.codes[Self::place(row * TILE_SIDE, state)..][..TILE_SIDE]
+    }
+
     /// How much more or less probable each state of a cell is than before any reading, relative to free.
     #[must_use]
     pub fn of(&self, offset: usize) -> [f32; STATES] {

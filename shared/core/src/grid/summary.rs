@@ -1,5 +1,6 @@
 //! A grid in a few numbers.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::grid::{CellIndex, Grid, Mark, Tile, TileIndex, union};
@@ -68,14 +69,25 @@ pub(crate) struct RunningSummary {
 }
 
 impl RunningSummary {
-    /// The summary of `grid`, always the same one: that of [`GridSummary::of`].
-    pub(crate) fn of(&mut self, grid: &mut Grid) -> GridSummary {
-        for index in grid.changed_since(self.looked) {
-            if let Some(tile) = grid.tile(index) {
-                self.tiles.insert(index, GridSummary::of_tile(index, tile));
+    /// When the grid was looked at last.
+    pub(crate) fn looked(&self) -> Mark {
+        self.looked
+    }
+
+    /// The summary of what is shown of a grid, always the same one: that of [`GridSummary::of`]. What is shown of these tiles may have
+    /// `changed` since the grid was looked at last; now it is `mark`.
+    pub(crate) fn of<'a>(
+        &mut self,
+        changed: &[TileIndex],
+        shown: impl Fn(TileIndex) -> Option<Cow<'a, Tile>>,
+        mark: Mark,
+    ) -> GridSummary {
+        for index in changed {
+            if let Some(tile) = shown(*index) {
+                self.tiles.insert(*index, GridSummary::of_tile(*index, &tile));
             }
         }
-        self.looked = grid.mark();
+        self.looked = mark;
         self.tiles.values().copied().fold(GridSummary::default(), GridSummary::and)
     }
 }
@@ -111,11 +123,15 @@ mod tests {
     fn a_running_summary_is_the_summary() {
         let mut grid = Grid::new(0.05);
         let mut running = RunningSummary::default();
+        let summary_of = |running: &mut RunningSummary, grid: &mut Grid| {
+            let (changed, mark) = (grid.changed_since(running.looked()), grid.mark());
+            running.of(&changed, |index| grid.tile(index).map(Cow::Borrowed), mark)
+        };
         for (i, j, value) in [(0, 0, 1.0f32), (100, -3, -2.0), (0, 1, 0.1), (100, -3, 0.3), (-500, 900, 4.0)] {
             let cell = CellIndex { i, j };
             grid.tile_mut(cell.tile()).log_odds[cell.offset_in_tile()] = value;
-            assert_eq!(running.of(&mut grid), GridSummary::of(&grid));
+            assert_eq!(summary_of(&mut running, &mut grid), GridSummary::of(&grid));
         }
-        assert_eq!(running.of(&mut grid), GridSummary::of(&grid), "asking changes nothing");
+        assert_eq!(summary_of(&mut running, &mut grid), GridSummary::of(&grid), "asking changes nothing");
     }
 }

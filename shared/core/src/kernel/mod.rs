@@ -15,6 +15,7 @@
 //! **Bits.** Every processor gives the same, however many cells it computes at once.
 
 mod along;
+mod along_walls;
 mod chosen;
 mod fan;
 mod fan_pass;
@@ -49,6 +50,7 @@ use crate::pose::Pose2;
 use crate::sensor_model::Cone;
 use crate::shares::Shares;
 
+pub(crate) use along_walls::AlongWalls;
 pub use fan::{FAN_STEP_RAD, FanKernel};
 pub use first_echo::{EchoCone, FirstEchoKernel};
 use fit::{Fitter, nodes};

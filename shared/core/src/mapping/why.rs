@@ -32,8 +32,10 @@ pub struct Said {
 /// Why a cell is what it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Why {
-    /// Log-odds that the kept readings come to; none: unknown.
+    /// Log-odds that the kept readings come to, as the map shows them; none: unknown.
     pub log_odds: Option<f32>,
+    /// What the cells along walls added to those of the cell itself.
+    pub along_walls_added: f64,
     /// How often the robot drove over the cell, knowing where it was.
     pub driven_over: usize,
     /// Log-odds that this added.
@@ -87,7 +89,9 @@ pub fn why<'a>(
             driven_added += of(grid.log_odds(cell)) - of(before);
         }
     }
-    Ok(Why { log_odds: grid.log_odds(cell), driven_over, driven_added, said })
+    let (own, shown) = (grid.log_odds(cell), super::shown::tile(&grid, &fuser, cell.tile()));
+    let log_odds = shown.map(|tile| tile.log_odds[cell.offset_in_tile()]).filter(|log_odds| !log_odds.is_nan());
+    Ok(Why { log_odds, along_walls_added: of(log_odds) - of(own), driven_over, driven_added, said })
 }
 
 /// Whether a refused reading would have moved the cell, on a map that knows nothing.
