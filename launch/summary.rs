@@ -114,7 +114,7 @@ impl Incident {
     }
 
     /// The size and the time of it, in words.
-    fn words(&self) -> String {
+    pub(crate) fn words(&self) -> String {
         let Self { first_s, first_ns, largest_m, largest_rad, .. } = self;
         let degrees = largest_rad.to_degrees();
         format!(

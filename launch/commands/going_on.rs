@@ -10,6 +10,7 @@ use serde::Deserialize;
 use toml::Table;
 
 use crate::config::Config;
+use crate::summary::Incident;
 
 /// Settings of the mapper that may be others: what is told and kept besides, and which readings are taken.
 const MAY_DIFFER: [&str; 19] = [
@@ -61,6 +62,20 @@ pub(super) fn check(config: &Config) -> Result<Vec<String>> {
     );
     let provenance = map.provenance;
     Ok(provenance.earlier.into_iter().chain([provenance.log_sha256.unwrap_or_else(|| "live".to_owned())]).collect())
+}
+
+/// Whoever goes on with a map must not take for the map of both what was told to be where the odometry says that it is not.
+///
+/// # Errors
+/// It was.
+pub(super) fn check_places(file: Option<&str>, contradictions: Option<&Incident>) -> Result<()> {
+    let (Some(file), Some(contradicted)) = (file, contradictions) else { return Ok(()) };
+    let Incident { count, .. } = contradicted;
+    bail!(
+        "{file}: {count} times the robot was found in it where the odometry says that it is not ({}): places there look alike, or it is \
+         another building. The map of both that was saved is not to be trusted; the earlier one is as it was",
+        contradicted.words()
+    )
 }
 
 fn is_same(a: &Path, b: &Path) -> bool {
@@ -120,6 +135,14 @@ mod tests {
         let (mapper, robot) = (MapperConfig::default(), Robot { sensors: vec![sensor], ..Robot::default() });
         let table = [("mapper", Table::try_from(mapper).unwrap()), ("robot", Table::try_from(robot).unwrap())];
         toml::to_string(&std::collections::BTreeMap::from(table)).unwrap()
+    }
+
+    #[test]
+    fn a_drive_that_was_found_in_wrong_places_is_no_success() {
+        let wrong = Incident { count: 10, first_s: 95.1, first_ns: 0, largest_m: 34.8, largest_rad: 0.17 };
+        let error = check_places(Some("first"), Some(&wrong)).unwrap_err().to_string();
+        assert!(error.contains("first: 10 times") && error.contains("34.8"), "{error}");
+        assert!(check_places(Some("first"), None).is_ok() && check_places(None, Some(&wrong)).is_ok());
     }
 
     #[test]

@@ -43,6 +43,7 @@ const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     let summary = summary_of(request, view)?;
     super::print_found(&summary, view.json)?;
+    going_on::check_places(request.go_on_with.as_deref(), summary.contradictions.as_ref())?;
     check_recording(&summary)
 }
 
