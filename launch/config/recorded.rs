@@ -30,6 +30,11 @@ impl Config {
             // It is of a map that grows.
             publisher.remove("save_every_s");
         }
+        let earlier = &self.run.r#continue;
+        if !earlier.as_os_str().is_empty() {
+            let run = Table::from_iter([("continue".to_owned(), Value::try_from(earlier)?)]);
+            table.insert("run".to_owned(), run.into());
+        }
         if self.does_slam() {
             table.insert("slam".to_owned(), Value::try_from(&self.slam)?);
             let service = Table::from_iter([("exec".to_owned(), slam().into())]);
@@ -94,6 +99,7 @@ pub(crate) fn settings(said: &[Setting]) -> Findings {
 fn locates(setting: &Setting) -> bool {
     match setting.path.as_slice() {
         [section, ..] if section == "localizer" || section == "localization" || section == "slam" => true,
+        [run, key] if run == "run" => key == "continue",
         [services, _, key] => services == "services" && key == "exec" && setting.value.as_str() == Some(&slam()),
         _ => false,
     }

@@ -59,6 +59,14 @@ fn goes_on(folder: &Path, robot: &str) {
     assert!(ended.restarts() >= 1, "{:?}", ended.summary());
     let bytes = |name: &str| std::fs::read(out(name).join("map.echogrid")).unwrap();
     assert!(bytes("killed") == bytes("both"), "the maps differ");
+    // So is that of its recording.
+    let recorded = echogrid(arguments("recorded").into_iter().chain(["--record".to_owned()]));
+    assert!(recorded.status.success(), "{}", said(&recorded));
+    let recording = path(&out("recorded").join("recording.mcap"));
+    let played = echogrid(["map", &recording, "-q", "--out", &path(&out("played"))]);
+    assert!(played.status.success() && said(&played).contains("run.continue = "), "{}", said(&played));
+    let cells = |name: &str| std::fs::read(out(name).join("map.npy")).unwrap();
+    assert!(cells("played") == cells("both") && cells("recorded") == cells("both"));
     let both = path(&out("both"));
     let third = summary(&echogrid(["map", &log, "--continue", &both, "--json", "-q", "--out", &path(&out("third"))]));
     assert!(third["fixes"].as_u64().unwrap() >= 5 && read("third").provenance.earlier.len() == 2, "{third}");
