@@ -65,7 +65,8 @@ fn echoes_tell_how_far_from_its_normal_a_wall_answers() {
         let heard = Heard::of(&CalibrateSensor { sets: Vec::new(), ..coarse(&log) }).unwrap();
         let sum = |oriented_incidence_deg: f64| {
             // In the office few echoes are nobody's.
-            let mapper = MapperConfig { oriented_incidence_deg, oriented_clutter: 0.02, ..heard.mapper.clone() };
+            let others = MapperConfig { oriented_clutter: 0.02, oriented_detection: 0.7, ..heard.mapper.clone() };
+            let mapper = MapperConfig { oriented_incidence_deg, ..others };
             heard.likelihoods(&mapper, &heard.robot).unwrap().iter().sum::<f64>()
         };
         // Best is some 6° above what is given (docs/calibration.md).
