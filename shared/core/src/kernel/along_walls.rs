@@ -76,10 +76,33 @@ impl AlongWalls {
     /// What is shown of a tile, as log-odds; none where nothing but log-odds is known. What others have said of a cell since stays said:
     /// it moved all states alike.
     pub(crate) fn shown(&self, grid: &Grid, index: TileIndex) -> Option<Box<[f32; TILE_CELLS]>> {
+        self.moved(grid, index, 1.0)
+    }
+
+    /// Of a tile whose log-odds are those that are shown, what they were as they were fused; none likewise. Where a limit cut off what
+    /// is shown they are what the states come to, beyond l0 = `start`, or as near to that as is shown so.
+    pub(crate) fn fused(&self, grid: &Grid, index: TileIndex, start: f32) -> Option<Box<[f32; TILE_CELLS]>> {
+        let mut fused = self.moved(grid, index, -1.0)?;
+        let tile = grid.tile(index)?;
+        let shares = tile.shares.as_ref()?;
+        for (offset, (fused, shown)) in fused.iter_mut().zip(tile.log_odds.iter()).enumerate() {
+            if shown.abs() >= self.max {
+                let weights = shares.of(offset).into_iter().zip(self.priors);
+                let sum: f64 = weights.map(|(value, prior)| f64::from(value) * f64::from(prior)).sum();
+                // As far as it is shown so.
+                let (least, most) = (fused.min(*shown), fused.max(*shown));
+                *fused = (start + libm::log(sum) as f32).clamp(least, most);
+            }
+        }
+        Some(fused)
+    }
+
+    /// The log-odds and so many times what is known along walls.
+    fn moved(&self, grid: &Grid, index: TileIndex, times: f32) -> Option<Box<[f32; TILE_CELLS]>> {
         let tile = grid.tile(index)?;
         let own = tile.shares.as_ref()?;
         let mut shown = tile.log_odds.clone();
-        self.width.run(Showing { along_walls: self, around: around(grid, index), own, shown: &mut shown });
+        self.width.run(Showing { along_walls: self, around: around(grid, index), own, times, shown: &mut shown });
         Some(shown)
     }
 
@@ -114,13 +137,14 @@ struct Showing<'a> {
     along_walls: &'a AlongWalls,
     around: Around<'a>,
     own: &'a Shares,
+    times: f32,
     shown: &'a mut [f32; TILE_CELLS],
 }
 
 impl Work for Showing<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let Self { along_walls, around, own, shown } = self;
+        let Self { along_walls, around, own, times, shown } = self;
         let mut area = Box::new([1.0; AREA * AREA]);
         // Σ of the states as they are, and as they are along walls
         let (mut sums, mut alongs) = (Box::new([0.0; TILE_CELLS]), Box::new([0.0; TILE_CELLS]));
@@ -144,11 +168,11 @@ impl Work for Showing<'_> {
                 }
             }
         }
-        let (least, most) = (L::splat(-along_walls.max), L::splat(along_walls.max));
+        let (least, most, times) = (L::splat(-along_walls.max), L::splat(along_walls.max), L::splat(times));
         for at in (0..TILE_CELLS).step_by(L::COUNT) {
             let added = ln(L::load(&alongs[at..])).sub(ln(L::load(&sums[at..])));
             // What is unknown stays so.
-            most.at_most(least.at_least(L::load(&shown[at..]).add(added))).store(&mut shown[at..]);
+            most.at_most(least.at_least(added.mul_add(times, L::load(&shown[at..])))).store(&mut shown[at..]);
         }
     }
 }
@@ -319,6 +343,21 @@ mod tests {
         grid.tile_mut(TileIndex { x: 9, y: 9 });
         assert!(along_walls().shown(&grid, TileIndex { x: 9, y: 9 }).is_none(), "no states, nothing to say");
         assert!(along_walls().shown(&grid, TileIndex { x: 50, y: 9 }).is_none());
+    }
+
+    #[test]
+    fn what_is_shown_tells_what_was_fused() {
+        let mut grid = any_grid();
+        let fused: Vec<_> = grid.tiles().map(|(index, tile)| (index, tile.log_odds.clone())).collect();
+        let shown: Vec<_> = fused.iter().map(|(index, _)| along_walls().shown(&grid, *index).unwrap()).collect();
+        for ((index, _), shown) in fused.iter().zip(shown) {
+            grid.tile_mut(*index).log_odds = shown;
+        }
+        for (index, fused) in &fused {
+            let again = along_walls().fused(&grid, *index, 0.0).unwrap();
+            let is_same = |(a, b): (&f32, &f32)| a.is_nan() && b.is_nan() || (a - b).abs() < 1e-5;
+            assert!(again.iter().zip(fused.iter()).all(is_same), "{index:?}");
+        }
     }
 
     #[test]
