@@ -113,7 +113,8 @@ pub(super) struct States {
 pub struct OrientedKernel {
     states: States,
     answers: Answers,
-    tempered: Tempered,
+    // By itself, so that its alignment is not that of all mappers (Python).
+    tempered: Box<Tempered>,
     scratch: Scratch,
     width: Width,
 }
@@ -137,7 +138,7 @@ impl OrientedKernel {
                 most: with_code(most as f32),
             },
             answers: Answers::new(critical_rad),
-            tempered: Tempered::default(),
+            tempered: Box::default(),
             scratch: Scratch::default(),
             width: Width::of_this_processor(),
         }
@@ -179,7 +180,7 @@ impl OrientedKernel {
             self.tempered.turn_to(cone.weight);
         }
         let Self { states, answers, tempered, scratch, width } = self;
-        let tempered = is_tempered.then_some(&*tempered);
+        let tempered = is_tempered.then_some(&**tempered);
         let profile = Profile { geometry, cone: *cone, states: *states, tempered };
         width.run(Weighing { scratch, answers, profile: &profile, beam, apex, place });
         Ok(())
