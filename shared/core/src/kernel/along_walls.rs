@@ -148,6 +148,10 @@ impl Work for Showing<'_> {
         let mut area = Box::new([1.0; AREA * AREA]);
         // Σ of the states as they are, and as they are along walls
         let (mut sums, mut alongs) = (Box::new([0.0; TILE_CELLS]), Box::new([0.0; TILE_CELLS]));
+        let mut known = [false; TILE_SIDE];
+        for (known, row) in known.iter_mut().zip(shown.chunks_exact(TILE_SIDE)) {
+            *known = row.iter().any(|cell| !cell.is_nan());
+        }
         for state in 0..STATES {
             if state > 0 {
                 gather::<L>(&around, state, &mut area);
@@ -155,6 +159,9 @@ impl Work for Showing<'_> {
             let prior = L::splat(along_walls.priors[state]);
             for first in (0..TILE_CELLS).step_by(BLOCK * L::COUNT) {
                 let (row, column) = (first / TILE_SIDE, first % TILE_SIDE);
+                if !known[row] {
+                    continue;
+                }
                 let factors = match state {
                     0 => [L::splat(1.0); BLOCK],
                     _ => along_walls.factors::<L>(&area, state - 1, (row + REACH) * AREA + REACH + column),
