@@ -160,7 +160,7 @@ fn limits_that_are_too_low_are_named_by_the_error() {
         "ulimit -n 48",
         &["`echogrid doctor` finds a problem with open files: at most 48 per process", "may be needed"],
     );
-    check("ulimit -v 45000", &["address space: 43 MiB per process allowed", "may be needed", "`echogrid doctor`"]);
+    check("ulimit -v 52000", &["address space: 50 MiB per process allowed", "may be needed", "`echogrid doctor`"]);
 }
 
 #[test]
