@@ -74,7 +74,7 @@ fn the_readings_of_a_cell_come_to_what_the_map_says() {
             assert_eq!(number(&answer["log_odds"]) as f32, log_odds);
             let readings = answer["readings"].as_array().unwrap();
             let added: f64 = readings.iter().map(|reading| number(&reading["added"])).sum();
-            let all = added + number(&answer["driven_added"]);
+            let all = added + number(&answer["driven_added"]) + number(&answer["along_walls_added"]);
             assert!((all - f64::from(log_odds)).abs() < 1e-4, "{fusion}: {added} {all} {log_odds}");
             let by_sensor: f64 = answer["sensors"].as_array().unwrap().iter().map(|of| number(&of["added"])).sum();
             assert!((by_sensor - added).abs() < 1e-9);
