@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use anyhow::Result;
-use echogrid_core::config::Filter;
+use echogrid_core::config::{Filter, Fusion};
 use echogrid_core::{
     Echo, Increment, LocalizationConfig, MapperConfig, OdometryConfig, Pose2, Reading, Robot, Sensor as Sonar,
     SensorKind, move_by,
@@ -103,6 +103,8 @@ impl Drive {
             doubt: has_layers,
             sonar_maps: has_layers,
             keep_readings: has_layers,
+            // Without states of cells, too: the last that is told of a map is then the map.
+            fusion: if self == Self::Live { Fusion::Auto } else { Fusion::FirstEcho },
             ..MapperConfig::default()
         };
         MapperService::new(&config, &OdometryConfig::default())
