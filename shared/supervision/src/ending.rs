@@ -112,18 +112,41 @@ impl<P: Process> Supervision<P> {
         here.filter(|unit| unit.is_running()).filter_map(Unit::alive_mut).for_each(Life::ask_once);
     }
 
-    /// Whether a service waits for a stream of one upstream that is no sensor, and waits for nobody itself.
+    /// Whether a service waits for what one upstream that is no sensor has still to give, and that one is at work; or waits, in turn, for
+    /// whoever answers it, and is at work.
     fn waits_for_work(&self, of: &Unit<P>) -> bool {
-        let waits_for = |unit: &Unit<P>| unit.alive().and_then(|life| Some(life.health.as_ref()?.waits_for));
-        let Some(Some(topic)) = waits_for(of) else { return false };
-        let writers = self.writers.get(topic.name()).map_or(&[][..], Vec::as_slice);
-        self.units.iter().any(|unit| {
-            writers.contains(&unit.name)
-                && !unit.is_source()
-                && unit.place.rank < of.place.rank
-                && unit.is_here()
-                && waits_for(unit) == Some(None)
-        })
+        let waits_for = |unit: &Unit<P>| unit.alive().and_then(|life| life.health.as_ref()?.waits_for);
+        let (mut waiting, mut met) = (vec![of], vec![of.name.as_str()]);
+        while let Some(unit) = waiting.pop() {
+            let topic = waits_for(unit);
+            let writers = topic.and_then(|topic| self.writers.get(topic.name())).map_or(&[][..], Vec::as_slice);
+            let is_writer = |other: &&Unit<P>| {
+                let answers = || !self.asks(other).is_empty();
+                writers.contains(&other.name)
+                    && !other.is_source()
+                    && (other.place.rank < of.place.rank || answers())
+                    && other.is_here()
+            };
+            for writer in self.units.iter().filter(is_writer) {
+                if self.is_at_work(writer) {
+                    return true;
+                }
+                if !met.contains(&writer.name.as_str()) {
+                    met.push(&writer.name);
+                    waiting.push(writer);
+                }
+            }
+        }
+        false
+    }
+
+    /// Whether a service waits for nobody, as it says; or, of one that answers others, uses the processor: what it said last was before it
+    /// was asked.
+    fn is_at_work(&self, unit: &Unit<P>) -> bool {
+        let Some((life, health)) = unit.alive().and_then(|life| Some((life, life.health.as_ref()?))) else {
+            return false;
+        };
+        health.waits_for.is_none() || life.signs.is_excused() && !self.asks(unit).is_empty()
     }
 
     /// Those upstream of a service that read what it writes: they ask, and it answers.

@@ -208,3 +208,33 @@ fn who_waits_for_what_is_still_worked_on_is_not_asked_to_leave_before() {
     graph.hurry();
     assert_eq!(asked(2), 1);
 }
+
+/// A robot that is looked for in a saved map: the odometry waits for where it is, and the mapper for the odometry.
+#[test]
+fn who_waits_for_an_answer_that_is_still_worked_on_is_not_asked_to_leave_before() {
+    let (mut graph, system) = graph_with(SupervisionConfig::default(), &["localizer"]);
+    graph.stop();
+    say(&mut graph, 0, ServiceState::Draining);
+    ends(&mut graph, &system, 0, End::Code(0));
+    let asked = |index: u32| system.borrow().get(&index).map_or(0, |(_, asked)| *asked);
+    let say_of = |graph: &mut Supervision<_>, index: usize, waits_for| {
+        let name = graph.units[index].name.clone();
+        graph.hear(Health { waits_for, ..Health::new(name, index as u32, ServiceState::Running) });
+    };
+    let wait = |graph: &mut Supervision<_>| {
+        let later = graph.now() + LEAVE_WITHIN;
+        graph.is_now(later);
+        graph.hurry();
+    };
+    say_of(&mut graph, 1, Some(Topic::LocalizationFix));
+    say_of(&mut graph, 2, Some(Topic::OdometryEstimate));
+    say_of(&mut graph, 3, None);
+    for _ in 0..5 {
+        wait(&mut graph);
+        assert_eq!(asked(2), 0, "where the robot is is not known yet");
+    }
+    // They wait for each other: nobody is at work.
+    say_of(&mut graph, 3, Some(Topic::LocalizationRequest));
+    wait(&mut graph);
+    assert_eq!(asked(2), 1);
+}
