@@ -1,8 +1,37 @@
 //! The cells around an echo in the order of their distance, and what the sums along the cone make of them.
 
-use super::geometry::make_room;
+use super::first_echo::peak;
+use super::functions::exp;
+use super::geometry::{Places, make_room};
 use super::lanes::Lanes;
 use super::order::Order;
+
+/// L of the cells around an echo.
+#[derive(Clone, Copy)]
+pub(super) struct Likelihood<L> {
+    range: L,
+    /// √½ / σ_z.
+    steepness: L,
+    peak: L,
+}
+
+impl<L: Lanes> Likelihood<L> {
+    #[inline(always)]
+    pub(super) fn new(range_m: f64, sigma_z_m: f64) -> Self {
+        Self {
+            range: L::splat(range_m as f32),
+            steepness: L::splat((core::f64::consts::FRAC_1_SQRT_2 / sigma_z_m) as f32),
+            peak: L::splat(peak(sigma_z_m) as f32),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn of(&self, places: &Places<L>) -> L {
+        let off = places.off(self.range, self.steepness);
+        let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
+        self.peak.mul(exp(exponent))
+    }
+}
 
 /// Sums along a cone; kept for its memory.
 #[derive(Debug, Clone, Default)]

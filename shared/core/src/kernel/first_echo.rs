@@ -8,7 +8,7 @@
 //! single-precision sum. Of two cells around the echo whose squared distances
 //! differ by less than 1e-6 of what they span either may come first.
 
-use super::along::Along;
+use super::along::{Along, Likelihood};
 use super::fit::fit;
 use super::functions::{exp, ln_1p, polynomial, reciprocal, splat_all};
 use super::geometry::{Band, Geometry, Wide, make_room};
@@ -347,19 +347,15 @@ fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile, range_m: f64) 
     make_room(&mut band.probabilities, count);
     along.make_room(count);
     let wide = Wide::<L>::new(&profile.geometry);
-    let sigma_z_m = profile.cone.reading.sigma_z_m;
-    let peak = L::splat(peak(sigma_z_m) as f32);
-    let steepness = L::splat((core::f64::consts::FRAC_1_SQRT_2 / sigma_z_m) as f32);
+    let likelihood = Likelihood::<L>::new(range_m, profile.cone.reading.sigma_z_m);
     for at in (0..count).step_by(L::COUNT) {
         let places = places.places(at, &profile.geometry, range_m);
-        let off = places.off(L::splat(range_m as f32), steepness);
         let angular = wide.angular(places.across, places.square);
         places.beyond.store(&mut along.beyond[at..]);
         let r = L::splat(profile.cone.reading.detection as f32).mul(angular);
         r.store(&mut band.answers[at..]);
         r.mul(occupied(L::load(&band.log_odds[at..]), profile)).store(&mut band.probabilities[at..]);
-        let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
-        peak.mul(exp(exponent)).store(&mut along.own[at..]);
+        likelihood.of(&places).store(&mut along.own[at..]);
     }
 }
 

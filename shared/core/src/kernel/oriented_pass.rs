@@ -1,9 +1,9 @@
 //! One reading of the oriented model, over the cells of its cone.
 
-use super::along::Along;
-use super::first_echo::{peak, product_of_rests};
-use super::functions::{exp, reciprocal, reciprocal_root};
-use super::geometry::{Band, Wide, make_room};
+use super::along::{Along, Likelihood};
+use super::first_echo::product_of_rests;
+use super::functions::{reciprocal, reciprocal_root};
+use super::geometry::{Band, Places, Wide, make_room};
 use super::lanes::Lanes;
 use super::layout::{Beam, Layout, Piece};
 use super::oriented_answers::Answers;
@@ -198,19 +198,15 @@ fn weigh_band<L: Lanes>(scratch: &mut Scratch, profile: &Profile<'_>, wides: &Wi
     make_room(&mut band.probabilities, count);
     make_room(&mut band.log_odds, count);
     along.make_room(count);
-    let sigma_z_m = profile.cone.reading.sigma_z_m;
-    let peak = L::splat(peak(sigma_z_m) as f32);
-    let steepness = L::splat((core::f64::consts::FRAC_1_SQRT_2 / sigma_z_m) as f32);
+    let likelihood = Likelihood::<L>::new(range_m, profile.cone.reading.sigma_z_m);
     for at in (0..count).step_by(L::COUNT) {
-        let places = places.places(at, &profile.geometry, range_m);
-        let off = places.off(L::splat(range_m as f32), steepness);
+        let places: Places<L> = places.places(at, &profile.geometry, range_m);
         let aside = aside(places.square, places.across);
         places.beyond.store(&mut along.beyond[at..]);
         let values = band.states::<L>(at);
         let (answered, of) = wides.answering(&values, aside, band.responses.of_mut::<L>(at / L::COUNT));
         answered.mul(reciprocal(of)).store(&mut band.probabilities[at..]);
-        let exponent = L::splat(0.0).sub(off.mul(off)).at_least(L::splat(-80.0));
-        peak.mul(exp(exponent)).store(&mut along.own[at..]);
+        likelihood.of(&places).store(&mut along.own[at..]);
     }
 }
 
