@@ -168,6 +168,8 @@ pub(crate) fn bytes(map: &MapDocument) -> Vec<u8> {
             bytes.extend(index.x.to_le_bytes().into_iter().chain(index.y.to_le_bytes()));
             bytes.extend(tile.revision.to_le_bytes());
             bytes.extend(tile.log_odds.iter().flat_map(|cell| cell.to_bits().to_le_bytes()));
+            let codes = tile.shares.iter().flat_map(|shares| shares.codes());
+            bytes.extend(codes.flat_map(|code| code.to_le_bytes()));
         }
     };
     put_grid(&map.grid);

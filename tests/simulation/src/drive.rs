@@ -103,7 +103,7 @@ impl Drive {
             doubt: has_layers,
             sonar_maps: has_layers,
             keep_readings: has_layers,
-            // Without states of cells, too: the last that is told of a map is then the map.
+            // Mostly without states of cells: they are so many messages that the end of the stream hardly ever comes soon after the map.
             fusion: if self == Self::Live { Fusion::Auto } else { Fusion::FirstEcho },
             ..MapperConfig::default()
         };
