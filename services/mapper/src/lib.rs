@@ -35,7 +35,7 @@ pub const DECLARATION: Declaration =
     Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["save", "pause", "resume", "tell tiles"] };
 
 /// Where a log is played as fast as it goes, changed tiles go out this often, by the sensor's clock.
-const TILES_EVERY_NS: u64 = 1_000_000_000;
+const TILES_EVERY_NS: u64 = 500_000_000;
 /// Numbers of the whole map go out this often, by the sensor's clock.
 const INFO_EVERY_NS: u64 = 2_000_000_000;
 
