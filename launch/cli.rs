@@ -248,7 +248,7 @@ pub enum Command {
     },
     /// Tells how good a map is, against the world that it shows.
     Score {
-        /// Native map, map.echogrid.
+        /// Native map, map.echogrid, or its folder.
         map: PathBuf,
         /// The world: office, room, a floor drawn by lot (floor-1, floor-2 ...), or a file: .toml, .map (MobileSim) or .yaml
         /// (map_server).
@@ -279,7 +279,7 @@ pub enum Command {
     },
     /// Finds the two walls of a map's longest corridor, and tells how much of what is occupied lies along them; needs no world.
     Walls {
-        /// Native map, map.echogrid.
+        /// Native map, map.echogrid, or its folder.
         map: PathBuf,
         /// Cells that are nearer to a wall belong to it, metres.
         #[arg(long, value_name = "METRES", default_value_t = echogrid_judge::walls::WITHIN_M, value_parser = reach)]
@@ -321,7 +321,7 @@ pub enum Command {
         x: f64,
         /// Metres, map frame.
         y: f64,
-        /// Native map; readings.echogrid lies beside it.
+        /// Native map, or its folder; readings.echogrid lies beside it.
         #[arg(default_value = "maps/map.echogrid")]
         map: PathBuf,
         /// The map of this running graph, which is saved for it.

@@ -44,6 +44,9 @@ pub struct Summary {
     pub fixes: u32,
     /// Absolute localizations that were too far off to be believed.
     pub fixes_refused: u32,
+    /// The map of an earlier drive that this one goes on with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub goes_on_with: Option<PathBuf>,
     /// What SLAM did, if it was asked to.
     pub slam: Option<Report>,
     /// Steps of the odometry that no drive makes.
@@ -182,6 +185,7 @@ impl Summary {
             trust: map.trust,
             fixes: map.fixes,
             fixes_refused: map.fixes_refused,
+            goes_on_with: None,
             slam: None,
             leaps: Incident::of(map.leaps, first_ns),
             contradictions: Incident::of(map.contradictions, first_ns),

@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 
 use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
 use echogrid_service::logging::{FORMAT_VARIABLE, is_told};
 use tracing::Level;
 
@@ -46,7 +47,8 @@ pub struct Settings {
     pub fix: Option<String>,
     /// Goes on with the map of an earlier drive (.echogrid, or its folder): the robot is found in it, and what is new is added; --out
     /// names another folder for the map of both.
-    #[arg(long = "continue", value_name = "MAP", conflicts_with_all = ["slam", "fix", "start"])]
+    #[arg(long = "continue", value_name = "MAP", conflicts_with_all = ["slam", "forbid", "require", "fix", "start"],
+        value_parser = NonEmptyStringValueParser::new())]
     pub go_on_with: Option<String>,
     /// Asks by schedule, as in 5m or 10s, instead of when the map would degrade.
     #[arg(long, value_name = "WAY|TIME")]

@@ -86,12 +86,12 @@ impl fmt::Display for Table<'_> {
         };
         writeln!(
             f,
-            "name: for --forbid and --require: the numbers of its nodes in graph.g2o. Seconds since the first place. off: from where it was believed to be. {by}. agree: how many other closures do."
+            "name: for --forbid and --require, the numbers of its nodes in graph.g2o. Seconds since the first place. off: from where it \
+             was believed to be. {by}. agree: how many other closures do."
         )
     }
 }
 
-/// What SLAM came to, in a line.
 /// What is worth knowing of a drive whose lidar saw next to nothing that it could match.
 pub(super) fn remark(report: &Report) -> Option<String> {
     let Report { nodes, lost, .. } = report;
@@ -108,6 +108,7 @@ pub(super) fn remark(report: &Report) -> Option<String> {
     })
 }
 
+/// What SLAM came to, in a line.
 pub(crate) fn summary(report: &Report) -> String {
     let (all, applied) = (report.closures.len(), report.applied());
     let closures = match (all, applied) {

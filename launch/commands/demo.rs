@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::{graph, score};
 use crate::cli::View;
-use crate::config::{Config, LoadRequest};
+use crate::config::{Config, LoadRequest, MAP_FILE};
 use crate::summary::Summary;
 
 /// What sets the demo apart from `echogrid up launch/graphs/map.toml --sensor simulator --fix truth`: the systematic
@@ -44,7 +44,7 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
     }
     let summary = graph::summary_of(&request, view)?;
     let request = score::Request {
-        map: config.run.out.join("map.echogrid"),
+        map: config.run.out.join(MAP_FILE),
         world: config.simulator.world.into(),
         path: Some(drive),
         truth: None,

@@ -9,7 +9,7 @@ use echogrid_formats::map::{MapDocument, native};
 use serde::Deserialize;
 use toml::Table;
 
-use crate::config::Config;
+use crate::config::{Config, MAP_FILE};
 use crate::summary::Incident;
 
 /// Settings of the mapper that may be others: what is told and kept besides, and which readings are taken.
@@ -52,9 +52,9 @@ pub(super) fn check(config: &Config) -> Result<Vec<String>> {
     if file.as_os_str().is_empty() {
         return Ok(Vec::new());
     }
-    let map = native::read(file).context("run.continue")?;
+    let map = native::read(file).context("--continue (run.continue)")?;
     fits(&map, &config.mapper).with_context(|| format!("{}: can't be gone on with (--continue)", file.display()))?;
-    let out = config.run.out.join("map.echogrid");
+    let out = config.run.out.join(MAP_FILE);
     ensure!(
         !is_same(&out, file),
         "{}: is what this run would save its own map as; name another folder with --out",
@@ -68,9 +68,9 @@ pub(super) fn check(config: &Config) -> Result<Vec<String>> {
 ///
 /// # Errors
 /// It was.
-pub(super) fn check_places(file: Option<&str>, contradictions: Option<&Incident>) -> Result<()> {
-    let (Some(file), Some(contradicted)) = (file, contradictions) else { return Ok(()) };
-    let Incident { count, .. } = contradicted;
+pub(super) fn check_places(earlier: Option<&Path>, contradictions: Option<&Incident>) -> Result<()> {
+    let (Some(file), Some(contradicted)) = (earlier, contradictions) else { return Ok(()) };
+    let (file, count) = (file.display(), contradicted.count);
     bail!(
         "{file}: {count} times the robot was found in it where the odometry says that it is not ({}): places there look alike, or it is \
          another building. The map of both that was saved is not to be trusted; the earlier one is as it was",
@@ -107,10 +107,11 @@ fn fits(map: &MapDocument, mapper: &MapperConfig) -> Result<()> {
 #[cfg(test)]
 mod tests {
     use echogrid_core::shares::Shares;
-    use echogrid_core::{Grid, Sensor, TileIndex};
+    use echogrid_core::{Grid, TileIndex};
     use echogrid_formats::map::Provenance;
 
     use super::*;
+    use crate::config::known_robots;
 
     fn map(config_toml: String) -> MapDocument {
         let provenance = Provenance { config_toml, ..Provenance::default() };
@@ -119,20 +120,9 @@ mod tests {
         MapDocument { grid, doubt: None, facing: None, path: Vec::new(), provenance }
     }
 
-    fn made(kind: SensorKind) -> String {
-        let sensor = Sensor {
-            kind,
-            base_from_sensor: echogrid_core::Pose2::IDENTITY,
-            first_transducer: 0,
-            transducers: 1,
-            first_bearing_rad: 0.0,
-            bearing_step_rad: 0.0,
-            aperture_rad: 0.5,
-            range_min_m: 0.1,
-            range_max_m: 5.0,
-            range_error_ratio: 0.01,
-        };
-        let (mapper, robot) = (MapperConfig::default(), Robot { sensors: vec![sensor], ..Robot::default() });
+    /// What a map says that was made with the defaults on such a robot.
+    fn made(robot: &str) -> String {
+        let (mapper, robot) = (MapperConfig::default(), known_robots().remove(robot).unwrap());
         let table = [("mapper", Table::try_from(mapper).unwrap()), ("robot", Table::try_from(robot).unwrap())];
         toml::to_string(&std::collections::BTreeMap::from(table)).unwrap()
     }
@@ -140,9 +130,10 @@ mod tests {
     #[test]
     fn a_drive_that_was_found_in_wrong_places_is_no_success() {
         let wrong = Incident { count: 10, first_s: 95.1, first_ns: 0, largest_m: 34.8, largest_rad: 0.17 };
-        let error = check_places(Some("first"), Some(&wrong)).unwrap_err().to_string();
+        let first = Some(Path::new("first"));
+        let error = check_places(first, Some(&wrong)).unwrap_err().to_string();
         assert!(error.contains("first: 10 times") && error.contains("34.8"), "{error}");
-        assert!(check_places(Some("first"), None).is_ok() && check_places(None, Some(&wrong)).is_ok());
+        assert!(check_places(first, None).is_ok() && check_places(None, Some(&wrong)).is_ok());
     }
 
     #[test]
@@ -152,7 +143,7 @@ mod tests {
             change(&mut mapper);
             fits(map, &mapper).err().map(|error| error.to_string()).unwrap_or_default()
         };
-        let lidars = map(made(SensorKind::Lidar));
+        let lidars = map(made("laser"));
         assert_eq!(refused(&lidars, |_| {}), "");
         assert_eq!(refused(&lidars, |mapper| mapper.min_trust = 0.1), "");
         let other = refused(&lidars, |mapper| (mapper.resolution_m, mapper.p_free) = (0.1, 0.4));
@@ -161,7 +152,7 @@ mod tests {
             "{other}"
         );
         assert!(refused(&map(String::new()), |_| {}).contains("does not say with which settings"));
-        let mut sonars = map(made(SensorKind::Sonar));
+        let mut sonars = map(made("pioneer3at"));
         assert!(refused(&sonars, |_| {}).contains("it lacks the states of its cells"));
         sonars.grid.tile_mut(TileIndex { x: 0, y: 0 }).shares = Some(Shares::default());
         assert_eq!(refused(&sonars, |_| {}), "");

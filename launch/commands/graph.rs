@@ -43,7 +43,7 @@ const READINGS_OF_AN_UNKNOWN_SENSOR: usize = 1024;
 pub(super) fn run(request: &LoadRequest, view: &View) -> Result<()> {
     let summary = summary_of(request, view)?;
     super::print_found(&summary, view.json)?;
-    going_on::check_places(request.go_on_with.as_deref(), summary.contradictions.as_ref())?;
+    going_on::check_places(summary.goes_on_with.as_deref(), summary.contradictions.as_ref())?;
     check_recording(&summary)
 }
 
@@ -85,10 +85,10 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     if let (Some(survey), Some(robot)) = (&survey, &config.robot) {
         has_transducers_of(robot, survey)?;
     }
+    let earlier = going_on::check(config)?;
     // With the files of who says where the robot is, too.
     LocalizerService::new(&config.localizer)?;
     recognised::check(&config.localizer, &config.run.out)?;
-    let earlier = going_on::check(config)?;
     let little = survey.as_ref().map(|survey| overlap(config, survey)).transpose()?.flatten();
     // So is a parameter file that is none. The robot itself may yet have to be turned on.
     if config.drives_pioneer() {
@@ -150,9 +150,7 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
     if let Some(file) = &recording {
         display.display.print(&format!("recording: {}", file.display()));
     }
-    if !request.resume
-        && MapFiles::names(&config.publisher.map_files()).iter().any(|name| config.run.out.join(name).exists())
-    {
+    if !request.resume && !of_an_earlier_run(config).is_empty() {
         display.display.remark(&format!(
             "{}: the map of an earlier run is replaced there when this one is saved (--out names another folder)",
             config.run.out.display()
@@ -176,19 +174,26 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         let reasons: Vec<String> = refused.map(|(verdict, count)| format!("{count} {}", verdict.describe())).collect();
         ensure!(
             !map.unplaced,
-            "nothing was mapped: {}; --start X Y THETA says it, and --set odometry.start=odometry takes the odometry's own frame \
+            "nothing was mapped{}: {}; --start X Y THETA says it, and --set odometry.start=odometry takes the odometry's own frame \
              for the map's",
+            of_an_earlier_run(config),
             recognised::nobody_could_tell(&config.localizer)
         );
-        bail!("nothing was mapped: none of {} readings could be used ({})", map.verdicts.total(), reasons.join(", "));
+        bail!(
+            "nothing was mapped{}: none of {} readings could be used ({})",
+            of_an_earlier_run(config),
+            map.verdicts.total(),
+            reasons.join(", ")
+        );
     }
     // A robot that has not driven yet is no failure.
     ensure!(
         !outcome.stopped
             || survey.is_none() && !config.simulates()
             || outcome.map.as_ref().is_some_and(|map| map.cells_known > 0),
-        "stopped before anything was mapped: no map was saved in {}",
-        config.run.out.display()
+        "stopped before anything was mapped: no map was saved in {}{}",
+        config.run.out.display(),
+        of_an_earlier_run(config)
     );
     // Simulated time begins at 0.
     let first_ns = survey.as_ref().map(|survey| survey.first_stamp_ns).or(config.simulates().then_some(0));
@@ -210,6 +215,8 @@ pub(super) fn summary_of(request: &LoadRequest, view: &View) -> Result<Summary> 
         summary.log_faults.extend(super::closures::remark(&report));
         summary.slam = Some(report);
     }
+    let earlier = &config.run.r#continue;
+    summary.goes_on_with = (!earlier.as_os_str().is_empty()).then(|| earlier.clone());
     summary.files = written(config, &before);
     summary.files_lack = files_lack(config, &outcome);
     summary.recording = recording.map(|file| Recording { is_whole: echogrid_recorder::is_whole(&file), file });
@@ -425,8 +432,16 @@ fn kept(config: &Config, before: &Files) -> String {
     let files = written(config, before);
     match files.first() {
         Some(_) => format!("the graph stopped early (what is in {} is the map so far)", config.run.out.display()),
-        None => "the graph stopped early".into(),
+        None => format!("the graph stopped early{}", of_an_earlier_run(config)),
     }
+}
+
+/// Whose map it is that lies where a run that saved none would have saved its own.
+fn of_an_earlier_run(config: &Config) -> String {
+    let out = &config.run.out;
+    let is_there = |name: &String| out.join(name).exists();
+    let lies_there = MapFiles::names(&config.publisher.map_files()).iter().any(is_there);
+    if lies_there { format!(" (the map in {} is of an earlier run)", out.display()) } else { String::new() }
 }
 
 /// What is said of poses that do not seem to be a drive's.

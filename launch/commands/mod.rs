@@ -31,7 +31,7 @@ mod why;
 
 use std::fmt::Display;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -42,7 +42,7 @@ use echogrid_service::{in_words, logging, signals};
 use serde::Serialize;
 
 use crate::cli::{Cli, Command, Experiment, MapLayerName, NewCommand, View};
-use crate::config::LoadRequest;
+use crate::config::{LoadRequest, MAP_FILE};
 
 pub use graph::provenance;
 
@@ -91,16 +91,19 @@ pub fn run(cli: Cli) -> ExitCode {
         Some(Command::Man { out }) => manual::pages(out.as_deref()),
         Some(Command::Convert { input, output, range_unit, layer }) => convert(&input, &output, range_unit, layer),
         Some(Command::Score { map, world, path, truth, topics, align, points, json, picture }) => {
+            let map = map_in(map);
             score::run(&score::Request { map, world, path, truth, topics, align, points, json, picture })
         }
-        Some(Command::Walls { map, within, json, picture }) => walls::run(&map, within, json, picture.as_deref()),
+        Some(Command::Walls { map, within, json, picture }) => {
+            walls::run(&map_in(map), within, json, picture.as_deref())
+        }
         Some(Command::Closures { map, json }) => closures::run(&map, json),
         Some(Command::Relations { relations, path, mount, json }) => {
             relations::run(&relations, &path, mount.and_then(|mount| mount.try_into().ok()), json)
         }
         Some(Command::Why { x, y, map, domain, limit, json }) => {
             let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
-            map.and_then(|map| why::run(&why::Request { at: [x, y], map, json, limit }))
+            map.and_then(|map| why::run(&why::Request { at: [x, y], map: map_in(map), json, limit }))
         }
         Some(Command::Calibrate(request)) => calibrate::run(&request),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
@@ -147,6 +150,11 @@ fn convert(input: &Path, output: &Path, range_unit: LogUnit, layer: Option<MapLa
         text += &format!("lost      {lost}\n");
     }
     print(&text)
+}
+
+/// The native map that somebody named: the file, or the folder that it is in.
+fn map_in(path: PathBuf) -> PathBuf {
+    if path.is_dir() { path.join(MAP_FILE) } else { path }
 }
 
 /// Prints what was found: as JSON for programs, or as text for people.

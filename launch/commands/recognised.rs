@@ -7,7 +7,7 @@ use echogrid_core::Verdict;
 use echogrid_localizer::config::{LocalizerConfig, Source};
 use echogrid_topics::MapInfo;
 
-use crate::config::{Config, ServiceKind};
+use crate::config::{Config, MAP_FILE, ServiceKind};
 use crate::supervisor::Outcome;
 
 /// Why nothing is known of where the drive begins.
@@ -55,7 +55,7 @@ pub(super) fn notes(config: &Config, outcome: &Outcome) -> Vec<String> {
 /// # Errors
 /// The map of the run goes to the same file.
 pub(super) fn check(localizer: &LocalizerConfig, out: &Path) -> Result<()> {
-    let replaced = out.join("map.echogrid");
+    let replaced = out.join(MAP_FILE);
     let same = || replaced.canonicalize().ok() == localizer.map.canonicalize().ok() && replaced.exists();
     ensure!(
         localizer.source != Source::Map || !same(),

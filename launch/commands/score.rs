@@ -254,6 +254,12 @@ impl fmt::Display for Score<'_> {
                 100.0 * within_three_sigmas
             )?;
         }
+        if bits > 1.0 {
+            writeln!(
+                f,
+                "note         worse than a map that knows nothing: is this its world, and the path (--path) that of its drive?"
+            )?;
+        }
         if left_out > 0 {
             writeln!(f, "world        {left_out} points not taken for walls (--points takes them)")?;
         }

@@ -10,7 +10,7 @@ use echogrid_recorder::Recorded;
 use echogrid_service::Plan;
 use echogrid_topics::{Command, Domain, Participant, Topic};
 
-use crate::config::{self, ServiceKind};
+use crate::config::{self, MAP_FILE, ServiceKind};
 
 /// Writing a large map to a slow disk takes its time.
 const SAVED_WITHIN: Duration = Duration::from_secs(60);
@@ -58,7 +58,7 @@ pub(super) fn saved_map(domain: Option<&str>) -> Result<PathBuf> {
             done.map_err(|why| anyhow!("{name}: {why}"))?;
         }
     }
-    Ok(config.run.out.join("map.echogrid"))
+    Ok(config.run.out.join(MAP_FILE))
 }
 
 /// A running graph, `name` as a participant of it, and its configuration.

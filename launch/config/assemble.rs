@@ -45,10 +45,10 @@ pub(crate) fn sections(settings: &[Setting]) -> Result<Config, Problem> {
     Ok(config)
 }
 
-/// A drive that goes on with a map is localized in it.
-pub(crate) fn localize_to_go_on(config: &mut Config) {
+/// A drive that goes on with a map is localized in it, unless it is said who does that.
+pub(crate) fn localize_to_go_on(config: &mut Config, origins: &Origins) {
     let map = &config.run.r#continue;
-    if !map.as_os_str().is_empty() && config.localizer.source == LocatedBy::None {
+    if !map.as_os_str().is_empty() && !origins.contains_key("localizer.source") {
         (config.localizer.source, config.localizer.map) = (LocatedBy::Map, map.clone());
     }
 }

@@ -163,7 +163,7 @@ fn load(
     problems.extend(recorded.problems);
     let origins = assemble::origins(&settings);
     let mut config = assemble::sections(&settings).map_err(|problem| ConfigError::Invalid(vec![problem]))?;
-    assemble::localize_to_go_on(&mut config);
+    assemble::localize_to_go_on(&mut config, &origins);
     assemble::ask_by_way(&mut config, &origins);
     config.robot = robot;
     problems.extend(ranges::problems(&config, &origins));

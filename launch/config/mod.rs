@@ -56,6 +56,7 @@ pub use problem::{ConfigError, Origin, Problem};
 pub use recorded::{RunSetting, settings_of_recording};
 pub use render::render;
 pub use request::LoadRequest;
+pub(crate) use request::MAP_FILE;
 pub use robot::builtin_robots;
 pub use robot_file::known_robots;
 pub use robot_file::parse_robot;

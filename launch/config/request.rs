@@ -16,8 +16,8 @@ use super::reading::{Findings, Setting};
 use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind};
 use super::source::Source;
 
-/// What a folder of maps holds.
-const MAP_FILE: &str = "map.echogrid";
+/// The native map in a folder of maps.
+pub(crate) const MAP_FILE: &str = "map.echogrid";
 
 /// What the user typed. What is left out comes from the graph file or is a default.
 #[derive(Debug, Clone, Default)]

@@ -99,10 +99,18 @@ fn a_map_that_can_not_be_gone_on_with_is_refused() {
     refused(&log, &map, &["--set", "mapper.doubt=true"], "mapper.doubt: of the drives that are gone on with");
     refused(&log, &map, &["--set", "odometry.start=odometry"], "begins where the map shows it to be");
     refused(&log, &map, &["--slam"], "cannot be used with");
+    refused(&log, &map, &["--forbid", "1,2"], "cannot be used with");
+    refused(&log, &map, &["--set", "localizer.source=none"], "localizer.source: a drive that goes on with a map");
+    refused(&log, "", &[], "a value is required for '--continue <MAP>'");
     refused(&log, "no/such.echogrid", &[], "no/such.echogrid");
     refused(&log, &log, &[], "not a native map");
     // Of another building.
     refused(&elsewhere, &map, &[], "not recognised in");
+    let there = folder.path().join("elsewhere");
+    let before = std::fs::read(there.join("map.echogrid")).unwrap();
+    let output = echogrid(["map", &elsewhere, "--continue", &map, "--out", &path(&there), "-q"]);
+    assert!(!output.status.success() && said(&output).contains("is of an earlier run"), "{}", said(&output));
+    assert!(std::fs::read(there.join("map.echogrid")).unwrap() == before);
     // As an earlier version saved it.
     let mut stateless = native::read(Path::new(&map)).unwrap();
     let indices: Vec<_> = stateless.grid.tiles().map(|(index, _)| index).collect();

@@ -29,7 +29,12 @@ fn a_drive_in_the_office_is_judged() {
     assert!(judged["bits"].as_f64().unwrap() < 0.9, "{judged}");
     assert!(judged["wall_recall_10cm"].as_f64().unwrap() > 0.5, "{judged}");
     assert!(std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"));
+    let in_folder = echogrid(["score", &path(&drive.out("maps")), "--world", OFFICE, "--path", &log, "--json"]);
+    assert_eq!(summary(&in_folder)["bits"], judged["bits"]);
+    let elsewhere = said(&echogrid(["score", &map, "--world", "floor-5"]));
+    assert!(elsewhere.contains("worse than a map that knows nothing: is this its world"), "{elsewhere}");
     let table = said(&score(&["--path", &log]));
+    assert!(!table.contains("knows nothing:"), "{table}");
     assert!(table.contains("map.echogrid in office.toml, along the true path of drive.log"), "{table}");
     let table = said(&score(&[]));
     assert!(table.contains("along the map's own path, taken for true"), "{table}");

@@ -32,18 +32,19 @@ pub(super) fn native(file: &Path) -> Result<Facts> {
     let GridSummary { known, occupied, free, undecided, .. } = summary;
     facts.line("cells", format!("{known} known: {free} free, {occupied} occupied, {undecided} undecided"));
     let length_m: f64 =
-        document.path.iter().zip(document.path.iter().skip(1)).map(|(a, b)| a.pose.distance_m(b.pose)).sum();
-    match (document.path.first(), document.path.last()) {
-        (Some(first), Some(last)) => facts.line(
+        document.drives().flat_map(|drive| drive.windows(2)).map(|pair| pair[0].pose.distance_m(pair[1].pose)).sum();
+    let time_ns: u64 = document.drives().map(|drive| drive[drive.len() - 1].stamp_ns - drive[0].stamp_ns).sum();
+    match document.path.last() {
+        Some(last) => facts.line(
             "path",
             format!(
                 "{} poses, {length_m:.1} m in {}, trust {:.3} at the end",
                 document.path.len(),
-                span(last.stamp_ns.saturating_sub(first.stamp_ns) as f64 * 1e-9),
+                span(time_ns as f64 * 1e-9),
                 last.trust
             ),
         ),
-        _ => facts.line("path", "none"),
+        None => facts.line("path", "none"),
     }
     facts.line("doubt", if document.doubt.is_some() { "kept, of each cell" } else { "not kept" });
     facts.line("facing", if document.facing.is_some() { "told, of each wall" } else { "not told" });

@@ -19,11 +19,15 @@ pub struct MapDocument {
 }
 
 impl MapDocument {
+    /// The path of each drive, the first first: one begins where the clock goes back. Drives of one clock count as one.
+    pub fn drives(&self) -> impl DoubleEndedIterator<Item = &[PathPoint]> {
+        self.path.chunk_by(|a, b| a.stamp_ns <= b.stamp_ns)
+    }
+
     /// The path of the last drive: one that goes on with the map of another may have a clock of its own.
     #[must_use]
     pub fn last_drive(&self) -> &[PathPoint] {
-        let back = self.path.windows(2).rposition(|pair| pair[1].stamp_ns < pair[0].stamp_ns);
-        self.path.get(back.map_or(0, |at| at + 1)..).unwrap_or_default()
+        self.drives().next_back().unwrap_or_default()
     }
 }
 

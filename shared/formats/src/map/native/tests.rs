@@ -149,6 +149,8 @@ fn the_last_drive_begins_where_the_clock_does() {
     };
     assert_eq!((of(&[]), of(&[1, 2, 2]), of(&[5, 6, 1, 2])), (vec![], vec![1, 2, 2], vec![1, 2]));
     assert_eq!(of(&[5, 6, 1, 2, 0]), [0]);
+    let points = [5, 6, 1, 2, 0].map(|stamp_ns| (stamp_ns, 0.0, 0.0));
+    assert_eq!(document(&[], &points).drives().map(<[_]>::len).collect::<Vec<_>>(), [2, 2, 1]);
 }
 
 #[test]
