@@ -278,7 +278,7 @@ async fn drain(
             }
             runtime.end_outputs()?;
             if runtime.is_drained() {
-                return runtime.finish();
+                break;
             }
         }
         runtime.set_waits_for(runtime.awaited_output());

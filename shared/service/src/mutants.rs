@@ -19,11 +19,13 @@ pub enum Mutant {
     TrustsDownstream,
     /// Of a run that failed and can be resumed, those upstream are told that the service that was given up is gone for good.
     ForgetsTheGivenUp,
+    /// Who is done acknowledges what it has not stored, whether the launcher heard that it was done or not.
+    LeavesUnheard,
 }
 
 impl Mutant {
     /// Every fault, with its name on the command line.
-    pub const ALL: [(Self, &str); 7] = [
+    pub const ALL: [(Self, &str); 8] = [
         (Self::EndOvertakes, "end-overtakes"),
         (Self::SignalStops, "signal-stops"),
         (Self::StaleStores, "stale-stores"),
@@ -31,6 +33,7 @@ impl Mutant {
         (Self::ForgetsEnd, "forgets-end"),
         (Self::TrustsDownstream, "trusts-downstream"),
         (Self::ForgetsTheGivenUp, "forgets-the-given-up"),
+        (Self::LeavesUnheard, "leaves-unheard"),
     ];
 
     /// Whether the fault is there.

@@ -146,7 +146,8 @@ impl<P: Process> Supervision<P> {
     fn restart_downstream(&mut self, index: usize, due: Instant) {
         let rank = self.units[index].place.rank;
         for unit in self.units.iter_mut().filter(|unit| unit.place.rank > rank && unit.place.is_told) {
-            if let Some(process) = unit.alive_mut() {
+            // Those upstream have heard that nobody comes after one that is done.
+            if let Some(process) = unit.alive_mut().filter(|process| !process.is_finished()) {
                 process.kill();
                 unit.stage = Stage::Waiting(due);
             }

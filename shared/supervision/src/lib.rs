@@ -188,15 +188,16 @@ impl<P: Process> Supervision<P> {
         unit.stage = Stage::Alive;
     }
 
-    /// The services that have left for good. Of a run that is cut short and can be resumed only those are that were done: the
-    /// others come again, and what they have not stored is to be kept for them.
+    /// The services that have left for good, or said that they are done. Of a run that is cut short and can be resumed only
+    /// those are that were done: the others come again, and what they have not stored is to be kept for them.
     pub fn gone(&self) -> impl Iterator<Item = &str> {
         let is_cut = self.failed.is_some() || self.ending.as_ref().is_some_and(|ending| ending.pressed > 0);
         let comes_again = self.settings.is_resumable && is_cut && !Mutant::ForgetsTheGivenUp.lives();
         let is_gone = move |unit: &&Unit<P>| match unit.stage {
             Stage::Done => !comes_again || unit.is_finished(),
             Stage::Lost => !(comes_again && unit.role.required),
-            Stage::Alive | Stage::Waiting(_) => false,
+            Stage::Alive => unit.alive().is_some_and(Life::is_finished),
+            Stage::Waiting(_) => false,
         };
         self.units.iter().filter(is_gone).map(|unit| unit.name.as_str())
     }
@@ -229,7 +230,7 @@ impl<P: Process> Supervision<P> {
         if let Some(unit) = self.units.iter_mut().find(|unit| unit.name == health.service)
             && unit.hear(health, now)
         {
-            // It may have been started before somebody left.
+            // It may have been started before somebody left, or nobody need wait for it any longer.
             self.has_news_of_gone = true;
         }
     }

@@ -116,7 +116,7 @@ impl<P: Process> Life<P> {
     pub(crate) fn succeeded(&self, is_sensor: bool) -> bool {
         let state = self.health.as_ref().map_or(ServiceState::Starting, |health| health.state);
         let may_leave = is_sensor || self.asked > 0 || state > ServiceState::Running || Mutant::SignalStops.lives();
-        (self.process.end() == Some(End::Code(0)) && may_leave) || state == ServiceState::Finished
+        (self.process.end() == Some(End::Code(0)) && may_leave) || self.is_finished()
     }
 
     /// Whether it died of a signal that asks to end.
@@ -142,6 +142,11 @@ impl<P: Process> Life<P> {
     /// Whether it has said that it is ready.
     pub(crate) fn is_ready(&self) -> bool {
         self.health.as_ref().is_some_and(|health| health.state > ServiceState::Starting)
+    }
+
+    /// Whether it has said that it is done.
+    pub(crate) fn is_finished(&self) -> bool {
+        self.health.as_ref().is_some_and(|health| health.state == ServiceState::Finished)
     }
 
     /// Takes note of what it says of itself.

@@ -159,6 +159,21 @@ fn a_run_that_the_user_ends_is_done_when_all_have_left() {
     assert_eq!(graph.gone().collect::<Vec<_>>(), ["sensor", "odometry", "mapper", "publisher"]);
 }
 
+/// It may have gone before those upstream, and they wait for nobody else.
+#[test]
+fn who_says_that_it_is_done_is_waited_for_no_longer() {
+    let (mut graph, system) = graph(SupervisionConfig::default());
+    say(&mut graph, 3, ServiceState::Draining);
+    graph.has_news_of_gone = false;
+    say(&mut graph, 3, ServiceState::Finished);
+    assert!(graph.has_news_of_gone);
+    assert_eq!(graph.gone().collect::<Vec<_>>(), ["publisher"]);
+    // Of another, which said the same, nobody heard it: one comes in its place, and those upstream are still there.
+    ends(&mut graph, &system, 2, End::Code(0));
+    assert_eq!(graph.gone().collect::<Vec<_>>(), ["publisher"]);
+    assert!(matches!(graph.units[2].stage, Stage::Waiting(_)));
+}
+
 /// The odometry waits for answers: a localizer that left before it would leave it waiting.
 #[test]
 fn who_answers_is_asked_to_leave_after_those_who_ask() {

@@ -110,16 +110,17 @@ impl<P: Process> Unit<P> {
         self.health.as_ref().is_some_and(|health| health.state == ServiceState::Finished)
     }
 
-    /// Takes note of what it says of itself, if it is its present life that says it; whether it is the first word of that.
+    /// Takes note of what it says of itself, if it is its present life that says it; whether it is the first word of that, or the last.
     pub(crate) fn hear(&mut self, health: Health, now: Instant) -> bool {
         let Some(life) = self.life.as_mut().filter(|life| life.pid() == health.pid) else { return false };
-        let is_first = life.health.is_none();
+        let (is_first, was_finished) = (life.health.is_none(), life.is_finished());
         life.hear(health.clone(), now);
+        let is_last = life.is_finished() && !was_finished;
         if life.is_ready() {
             (self.failed_starts, self.well) = (0, now);
         }
         self.health = Some(health);
-        is_first
+        is_first || is_last
     }
 
     /// Takes note that a life ended before it had begun; whether that is the graph's fault.

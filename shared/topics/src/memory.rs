@@ -2,10 +2,10 @@
 //!
 //! Each producer has a queue in front of each consumer, and keeps a history for those that come late. What one producer sent
 //! arrives in its order; which producer is read next is open, and decided by whoever plays the schedule. What a dead producer
-//! had sent stays in the queues until somebody cleans up.
+//! had sent stays in the queues until somebody cleans up; but for those who had not looked since it came, it is lost with it.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::os::fd::BorrowedFd;
 use std::rc::Rc;
 
@@ -49,6 +49,8 @@ struct Producer {
     history: VecDeque<Sent>,
     /// What is on its way, by the number of the consumer.
     queues: BTreeMap<usize, VecDeque<Sent>>,
+    /// The consumers that have looked since it came.
+    met: BTreeSet<usize>,
 }
 
 #[derive(Debug)]
@@ -90,8 +92,8 @@ impl Bus {
     pub fn carrier(&self, process: u32, topic: Topic, qos: Qos) -> Box<dyn Carrier> {
         let mut state = self.0.borrow_mut();
         let number = state.take_number();
-        let (history, queues) = (VecDeque::new(), BTreeMap::new());
-        state.producers.insert(number, Producer { topic, process, qos, is_alive: true, history, queues });
+        let (history, queues, met) = (VecDeque::new(), BTreeMap::new(), BTreeSet::new());
+        state.producers.insert(number, Producer { topic, process, qos, is_alive: true, history, queues, met });
         Box::new(Writer { bus: self.clone(), number })
     }
 
@@ -104,7 +106,7 @@ impl Bus {
         Box::new(Reader { bus: self.clone(), number })
     }
 
-    /// The ports of `process` are used no more; what it had sent is still on its way.
+    /// The ports of `process` are used no more; what it had sent is still on its way to those who knew of it.
     pub fn bury(&self, process: u32) {
         let state = &mut *self.0.borrow_mut();
         let gone: Vec<usize> =
@@ -113,7 +115,10 @@ impl Bus {
             state.consumers.remove(&number);
             state.producers.values_mut().for_each(|producer| drop(producer.queues.remove(&number)));
         }
-        state.producers.values_mut().filter(|of| of.process == process).for_each(|of| of.is_alive = false);
+        for dead in state.producers.values_mut().filter(|of| of.process == process) {
+            dead.is_alive = false;
+            dead.queues.retain(|consumer, _| dead.met.contains(consumer));
+        }
     }
 
     /// Removes what dead producers left, read or not.
@@ -237,6 +242,9 @@ impl Mailbox for Reader {
         if !state.schedule.lives(*process) {
             return Err(dead(*topic));
         }
+        state.producers.values_mut().filter(|of| of.topic == *topic).for_each(|of| {
+            of.met.insert(self.number);
+        });
         let queues = state.producers.values_mut().filter_map(|producer| producer.queues.get_mut(&self.number));
         let mut full: Vec<_> = queues.filter(|queue| !queue.is_empty()).collect();
         if full.is_empty() {
@@ -300,8 +308,11 @@ mod tests {
         let bus = Bus::new(Box::new(InOrder));
         let mut input = Input::over(bus.mailbox(2, Topic::RangeScan), Topic::RangeScan);
         let mut output = output(&bus, 1, 1);
+        let mut late = Input::over(bus.mailbox(3, Topic::RangeScan), Topic::RangeScan);
+        assert_eq!(sequences(&mut input), [0; 0]);
         output.send(0, &Message::Scan(Vec::new())).unwrap();
         bus.bury(1);
+        assert_eq!(sequences(&mut late), [0; 0], "it had not looked in time");
         assert!(output.send(1, &Message::Scan(Vec::new())).is_err());
         assert_eq!(sequences(&mut input), [1]);
         bus.clean();

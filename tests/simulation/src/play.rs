@@ -226,11 +226,12 @@ impl<'a> Play<'a> {
                     || wait.orphaned
                     || !wait.told.is_empty()
                     || self.bus.rung(life.process) != life.rung;
-                if is_woken && wait.stopped_until <= world.now {
+                if is_woken && world.stopped_until(life.process) <= world.now {
                     ready.push(Some(place));
                 }
             }
-            if world.has_ended || launcher.due(&self.world) <= world.now || self.bus.has_mail(launcher.process) {
+            let is_due = launcher.due(&self.world) <= world.now || self.bus.has_mail(launcher.process);
+            if (world.has_ended || is_due) && world.stopped_until(launcher.process) <= world.now {
                 ready.push(None);
             }
         }
@@ -285,6 +286,7 @@ impl<'a> Play<'a> {
     fn pass_time(&mut self, launcher: &Launcher) {
         let due = launcher.due(&self.world);
         let mut world = self.world.borrow_mut();
+        let due = due.max(world.stopped_until(launcher.process));
         let of_lives = self.lives.iter().filter_map(|life| world.waits.get(&life.process));
         let next = of_lives.map(|wait| wait.until.max(wait.stopped_until)).fold(due, Duration::min);
         world.now = world.now.max(next);
@@ -299,7 +301,6 @@ impl<'a> Play<'a> {
             self.next_fault += 1;
             let of_unit = |unit: usize| launcher.services.units.get(unit).and_then(Unit::alive).map(|life| life.pid());
             let mut world = self.world.borrow_mut();
-            let now = world.now;
             match *what {
                 What::Kill(unit, after) => {
                     of_unit(unit).into_iter().for_each(|process| {
@@ -312,13 +313,10 @@ impl<'a> Play<'a> {
                     process.into_iter().for_each(|process| world.waits.entry(process).or_default().told.push(told));
                 }
                 What::Stop(unit, millis) => {
-                    let until = now + Duration::from_millis(millis.into());
-                    let process = of_unit(unit);
-                    process
-                        .into_iter()
-                        .for_each(|process| world.waits.entry(process).or_default().stopped_until = until);
+                    of_unit(unit).into_iter().for_each(|process| world.stop(process, millis));
                 }
-                What::DiskFull(millis) => world.disk.full_until = now + Duration::from_millis(millis.into()),
+                What::StopLauncher(millis) => world.stop(launcher.process, millis),
+                What::DiskFull(millis) => world.disk.full_until = world.now + Duration::from_millis(millis.into()),
                 What::UserStops if !launcher.drive.is_live() => launcher.wants_stop = true,
                 What::KillLauncher(after) => {
                     world.doomed.insert(launcher.process, after);
@@ -357,7 +355,7 @@ impl<'a> Play<'a> {
             let process = self.lives[place].process;
             let is_stopped = {
                 let world = self.world.borrow();
-                world.waits.get(&process).is_some_and(|wait| wait.stopped_until > world.now)
+                world.stopped_until(process) > world.now
             };
             if !is_stopped {
                 self.run(place);

@@ -24,6 +24,8 @@ pub enum What {
     KillLauncher(u32),
     /// Likewise, when all is done and it removes what the run could be resumed from.
     KillTidying(u32),
+    /// The launcher is stopped for so many milliseconds.
+    StopLauncher(u32),
     /// All dies at once, and the disk loses what was not synced.
     PowerFails,
     /// The disk is full for so many milliseconds.
@@ -107,14 +109,15 @@ impl fmt::Display for Schedule {
 fn draw(dice: &mut Dice, last: usize) -> (u32, What) {
     let turn = dice.below(last) as u32;
     let victim = dice.below(5);
-    let what = match dice.below(20) {
+    let what = match dice.below(21) {
         0..=8 => What::Kill(victim, dice.below(60) as u32),
         9..=11 => What::Terminate(victim),
         12..=14 => What::Stop(victim, [5, 100, 700, 4000][dice.below(4)]),
         15..=16 => What::KillLauncher(dice.below(60) as u32),
         17 => What::PowerFails,
         18 => What::DiskFull([10, 300, 1500][dice.below(3)]),
-        _ => What::UserStops,
+        19 => What::UserStops,
+        _ => What::StopLauncher([100, 700, 4000][dice.below(3)]),
     };
     (turn, what)
 }

@@ -93,6 +93,16 @@ impl World {
         }
     }
 
+    /// A process does nothing for a while.
+    pub(crate) fn stop(&mut self, process: u32, millis: u32) {
+        self.waits.entry(process).or_default().stopped_until = self.now + Duration::from_millis(millis.into());
+    }
+
+    /// When a process goes on.
+    pub(crate) fn stopped_until(&self, process: u32) -> Duration {
+        self.waits.get(&process).map_or(Duration::ZERO, |wait| wait.stopped_until)
+    }
+
     /// When time began.
     pub(crate) fn begun(&self) -> Instant {
         self.begun

@@ -96,7 +96,6 @@ impl Runtime {
             vitals: Vitals::new(host, mouth, ear),
             memory,
             orders,
-            is_finished: false,
             _participant: participant,
         }
     }

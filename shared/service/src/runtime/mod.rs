@@ -22,6 +22,7 @@ use vitals::Vitals;
 pub use vitals::{Stop, Terminated};
 
 use crate::host::Orders;
+use crate::mutants::Mutant;
 use crate::outbox::Outbox;
 use crate::plan::Plan;
 use crate::store::{Entry, Unrepeatable};
@@ -53,8 +54,6 @@ pub struct Runtime {
     vitals: Vitals,
     memory: Memory,
     orders: Option<Box<dyn Orders>>,
-    /// All that came in is taken care of for good.
-    is_finished: bool,
     // Last: ports go before the process leaves the domain.
     _participant: Option<Participant>,
 }
@@ -281,28 +280,15 @@ impl Runtime {
         self.ports.is_drained()
     }
 
-    /// What came in is stored as far as was said before.
+    /// Says that nothing is left to do here. Whoever sent what is not stored waits until the launcher has heard that, and says
+    /// that this service is gone: a last word that is lost has to leave them there for another process in its place.
     ///
     /// # Errors
     /// Shared memory refuses.
     pub fn leave(&mut self) -> Result<()> {
-        self.tell_the_end();
-        self.set_state(ServiceState::Finished)
-    }
-
-    /// All that came in is taken care of, downstream too: whoever sent it may leave.
-    ///
-    /// # Errors
-    /// Shared memory refuses.
-    pub fn finish(&mut self) -> Result<()> {
-        self.is_finished = true;
-        self.tell_the_end();
-        self.set_state(ServiceState::Finished)
-    }
-
-    fn tell_the_end(&self) {
         let (messages, lost, refused) = (self.vitals.progress, self.ports.lost(), self.vitals.faults);
-        tracing::info!(messages, lost, refused, complete = self.is_finished, "ended");
+        tracing::info!(messages, lost, refused, complete = self.stop().is_none(), "ended");
+        self.set_state(ServiceState::Finished)
     }
 
     /// Waits until something happened, at most for `patience`; takes note of signals, of the
@@ -356,7 +342,7 @@ impl Runtime {
 
     /// What the producers need not keep for us any longer, by input.
     fn acknowledged(&self) -> Vec<Ack> {
-        if self.is_finished {
+        if Mutant::LeavesUnheard.lives() && self.vitals.state == ServiceState::Finished && self.stop().is_none() {
             return self.ports.sources.iter().map(|source| source.port.taken()).collect();
         }
         self.memory.acknowledged(&self.ports)

@@ -313,7 +313,7 @@ fn a_service_that_dies_at_any_turn_goes_on_where_it_was() {
 }
 
 #[test]
-fn the_end_is_acknowledged_when_the_reader_is_done_with_all_of_it() {
+fn who_is_done_leaves_what_is_not_stored_upstream_until_the_launcher_has_heard_it() {
     let mut graph = Neighbours::new();
     let mut life = graph.live();
     let (mut sums, mut heard_end) = (Vec::new(), false);
@@ -340,6 +340,8 @@ fn the_end_is_acknowledged_when_the_reader_is_done_with_all_of_it() {
     let health = Health { acks, ..Health::new("reader", 2, ServiceState::Running) };
     graph.mouth.send(0, &Message::Health(health)).unwrap();
     run(&mut graph, 5).unwrap().unwrap();
+    assert!(!graph.producer.is_drained(), "what if nobody heard that it was done?");
+    graph.producer.note(&Health::new("adder", 1, ServiceState::Gone));
     assert!(graph.producer.is_drained());
     assert_eq!(graph.health.unwrap().state, ServiceState::Finished);
     assert_eq!((sums, heard_end), (vec![1, 2, 3], true));

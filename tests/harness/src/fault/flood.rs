@@ -54,7 +54,7 @@ pub(super) fn flood(steps: u64, off: u64) -> Result<ExitCode> {
     while runtime.stop().is_none() && !refused && !(off == 0 && outputs[1..].iter().all(Output::is_drained)) {
         refused = hear(&mut runtime, &mut health, &mut outputs)? && off != 0;
     }
-    runtime.finish()?;
+    runtime.leave()?;
     Ok(ExitCode::SUCCESS)
 }
 
