@@ -1,8 +1,6 @@
 //! The command line, as it is typed.
 
-mod calibrate;
 mod emulate;
-mod evaluate;
 mod new;
 mod run;
 mod topic;
@@ -11,18 +9,16 @@ mod values;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use calibrate::CALIBRATE_HELP;
-pub use calibrate::{Calibrate, CalibrateSensor, CalibrateWhat};
 use clap::{Parser, Subcommand, ValueEnum};
+use echogrid_instruments::Align;
+use echogrid_instruments::calibrate::{CALIBRATE_HELP, Calibrate, png};
+use echogrid_instruments::evaluate::Evaluate;
 use echogrid_replay::config::LogUnit;
 pub use emulate::{Emulate, Emulated};
-pub use evaluate::{Evaluate, Goal};
 pub use new::{NewCommand, SensorLanguage};
 pub use run::{Settings, View};
 pub use topic::{LayoutLanguage, TopicCommand};
-use values::{angle, deviation, listen, place, png, range_unit, reach, seconds};
-
-use crate::commands::align::Align;
+use values::{angle, deviation, listen, place, range_unit, reach, seconds};
 
 const DEMO_FIX_HELP: &str = "Who says where the robot really is, when the odometry asks: none, operator (`echogrid fix`), truth (the \
      simulator);\nor a file: a map to find the robot in (.echogrid), surveyed landmarks (.toml), or a reference path with lines\n`t x y theta` [default: truth]";

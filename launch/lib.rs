@@ -2,8 +2,8 @@
 
 pub mod cli;
 pub mod commands;
-pub mod config;
-pub mod in_process;
+pub use echogrid_config as config;
+pub use echogrid_instruments::in_process;
 pub mod limits;
 pub mod progress;
 pub mod sonars;

@@ -10,16 +10,15 @@ const FUNCTION_LINES_MAX: usize = 60;
 
 /// Files that are longer, and why.
 const LONG_FILES: &[(&str, &str)] =
-    &[("launch/config/tests.rs", "one table of wrong graph files and what is said of each")];
+    &[("shared/config/src/tests.rs", "one table of wrong graph files and what is said of each")];
 
 /// Functions that are longer, and why.
 const LONG_FUNCTIONS: &[(&str, &str, &str)] = &[
     ("examples/beam_pictures.rs", "profiles", "the drawing of one figure"),
-    ("launch/commands/calibrate/tests.rs", "errors_name_what_is_wrong", "a table of cases"),
-    ("launch/commands/graph.rs", "summary_of", "to be divided: what the summary holds, one by one"),
+    ("shared/instruments/src/calibrate/tests.rs", "errors_name_what_is_wrong", "a table of cases"),
     ("launch/commands/mod.rs", "run", "one arm for each command"),
-    ("launch/config/robot_tests.rs", "bad_robot_files", "a table of cases"),
-    ("launch/config/tests.rs", "bad_graph_files", "a table of cases"),
+    ("shared/config/src/robot_tests.rs", "bad_robot_files", "a table of cases"),
+    ("shared/config/src/tests.rs", "bad_graph_files", "a table of cases"),
     ("launch/summary.rs", "fmt", "one line of text after the other"),
     ("shared/core/src/config/mapper.rs", "validate", "one check for each key"),
     ("shared/formats/src/log/carmen/survey.rs", "conclude", "one finding after the other"),

@@ -2,7 +2,6 @@
 
 use core::f64::consts::TAU;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::path::PathBuf;
 
 use echogrid_live::config::DEFAULT_PORT;
 use echogrid_replay::config::LogUnit;
@@ -75,14 +74,6 @@ pub(super) fn seconds(text: &str) -> Result<f64, String> {
 pub(super) fn deviation(text: &str) -> Result<f64, String> {
     let metres = text.trim().parse::<f64>().ok().filter(|metres| metres.is_finite() && *metres >= 0.0);
     metres.ok_or_else(|| "expected metres, 0 or more".to_owned())
-}
-/// The file of a picture.
-pub(super) fn png(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    match path.extension() {
-        Some(ending) if ending.eq_ignore_ascii_case("png") => Ok(path),
-        _ => Err("pictures are written as PNG: expected a name that ends in .png".into()),
-    }
 }
 
 /// Two numbers of nodes.

@@ -1,5 +1,6 @@
 //! `echogrid check`.
 
+use echogrid_instruments::json;
 use std::fmt::Write;
 
 use anyhow::Result;
@@ -22,7 +23,7 @@ pub(super) fn print_schema(files: Files) -> Result<()> {
         Files::Graph => json_schema_of_graphs(),
         Files::Robot => json_schema_of_robots(),
     };
-    super::print(&super::json_text(&schema)?)
+    super::print(&json(&schema)?)
 }
 
 /// Who reads what of whom, and in which order the services end.

@@ -11,7 +11,7 @@ use echogrid_slam_service::CLOSURES_FILE;
 /// Prints the closures of a folder of maps, or of a file.
 pub(super) fn run(map: &Path, json: bool) -> Result<()> {
     let report = read(map)?;
-    super::print(&if json { super::json_text(&report)? } else { Table(&report).to_string() })
+    super::print(&if json { echogrid_instruments::json(&report)? } else { Table(&report).to_string() })
 }
 
 /// Reads what SLAM wrote beside a map: `map` is the folder, the map, or the file itself.

@@ -1,6 +1,7 @@
 //! `echogrid` without a command, and `echogrid demo`: a simulated Pioneer 3-AT maps an office floor.
 
 use anyhow::Result;
+use echogrid_instruments::json;
 use serde::Serialize;
 
 use super::{graph, score};
@@ -58,7 +59,7 @@ pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
         // The map is there whether or not it can be judged.
         let judged = score::judge(&request);
         let told = Told { summary: &summary, score: judged.as_ref().ok() };
-        super::print(&super::json_text(&told)?)?;
+        super::print(&json(&told)?)?;
         judged?;
     } else {
         super::print(&summary.to_string())?;

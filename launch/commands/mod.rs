@@ -1,14 +1,10 @@
 //! What each command does.
 
-pub(crate) mod align;
-mod calibrate;
 mod check;
 pub(crate) mod closures;
 mod demo;
 mod doctor;
 mod emulate;
-mod evaluate;
-mod experiment;
 mod folder;
 mod going_on;
 mod graph;
@@ -16,7 +12,6 @@ mod info;
 mod live;
 mod manual;
 mod new;
-mod observer;
 mod recognised;
 mod relations;
 mod score;
@@ -37,14 +32,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use echogrid_core::Pose2;
 use echogrid_formats::convert::{MapLayer, convert_layer, convert_with};
+use echogrid_instruments::{calibrate, evaluate, experiment, told};
 use echogrid_replay::config::{LogUnit, ReplayConfig};
 use echogrid_service::{in_words, logging, signals};
 use serde::Serialize;
 
 use crate::cli::{Cli, Command, Experiment, MapLayerName, NewCommand, View};
 use crate::config::{LoadRequest, MAP_FILE};
-
-pub use graph::provenance;
 
 /// Carries out a command: 0 done, 1 failed with one error on standard error.
 #[must_use]
@@ -105,11 +99,12 @@ pub fn run(cli: Cli) -> ExitCode {
             let map = if domain.is_some() { talk::saved_map(domain.as_deref()) } else { Ok(map) };
             map.and_then(|map| why::run(&why::Request { at: [x, y], map: map_in(map), json, limit }))
         }
-        Some(Command::Calibrate(request)) => calibrate::run(&request),
+        Some(Command::Calibrate(request)) => calibrate::run(&request).and_then(|report| print(&report)),
         Some(Command::Experiment { name: Experiment::Paper, out, world, seed, json }) => {
-            experiment::run(&experiment::Request { out, world, seed, json })
+            let request = experiment::Request { out, world, seed, json };
+            experiment::run(&request).and_then(|scores| print(&scores))
         }
-        Some(Command::Evaluate(request)) => evaluate::run(&request),
+        Some(Command::Evaluate(request)) => evaluate::run(&request).and_then(|report| print(&report)),
         Some(Command::Topic(command)) => topic::run(&command),
         Some(Command::New(NewCommand::Sensor { folder, lang, source })) => {
             new::sensor(lang, &folder, source.as_deref())
@@ -159,12 +154,7 @@ fn map_in(path: PathBuf) -> PathBuf {
 
 /// Prints what was found: as JSON for programs, or as text for people.
 fn print_found(found: &(impl Serialize + Display), as_json: bool) -> Result<()> {
-    print(&if as_json { json_text(found)? } else { found.to_string() })
-}
-
-/// A value as JSON over several lines.
-fn json_text(value: &impl Serialize) -> Result<String> {
-    Ok(serde_json::to_string_pretty(value).context("the figures as JSON")? + "\n")
+    print(&told(found, as_json)?)
 }
 
 /// Prints to standard output; a reader that has had enough (`| head`) is no error.

@@ -14,7 +14,7 @@ use echogrid_slam::evaluate::{Consistency, NEES_OF_ONE, PathError};
 use echogrid_slam_service::{COVARIANCE_FILE, PATH_FILE};
 use serde::Serialize;
 
-use super::align::{Align, Alignment, at};
+use echogrid_instruments::{Align, Alignment, at};
 
 /// What is judged, and by what.
 pub(super) struct Request {
@@ -234,25 +234,10 @@ impl fmt::Display for Score<'_> {
             writeln!(f, "aligned      {alignment}")?;
         }
         if let Some(off) = &self.path_error {
-            writeln!(
-                f,
-                "path error   {:.3} m in the mean, {:.3} m rms, {:.3} m at most, laid on the true one; {:.2} % of each metre and {:.3}°",
-                off.absolute_mean_m,
-                off.absolute_rms_m,
-                off.absolute_max_m,
-                100.0 * off.per_metre_m,
-                off.per_metre_rad.to_degrees()
-            )?;
+            writeln!(f, "path error   {off}")?;
         }
-        if let Some(Claims { poses, nees_mean, within_three_sigmas }) = &self.claims {
-            writeln!(
-                f,
-                "claims       NEES {nees_mean:.2} in the mean of {poses} poses (right: 1; of a single pose {:.2} to {:.1} in 95 of 100), {:.1} % within \
-                 three of its deviations",
-                NEES_OF_ONE.0,
-                NEES_OF_ONE.1,
-                100.0 * within_three_sigmas
-            )?;
+        if let Some(claims) = &self.claims {
+            writeln!(f, "claims       {claims}")?;
         }
         if bits > 1.0 {
             writeln!(
@@ -264,5 +249,33 @@ impl fmt::Display for Score<'_> {
             writeln!(f, "world        {left_out} points not taken for walls (--points takes them)")?;
         }
         self.picture.map_or(Ok(()), |picture| writeln!(f, "picture      {}", picture.display()))
+    }
+}
+
+impl fmt::Display for PathFigures {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{:.3} m in the mean, {:.3} m rms, {:.3} m at most, laid on the true one; {:.2} % of each metre and {:.3}°",
+            self.absolute_mean_m,
+            self.absolute_rms_m,
+            self.absolute_max_m,
+            100.0 * self.per_metre_m,
+            self.per_metre_rad.to_degrees()
+        )
+    }
+}
+
+impl fmt::Display for Claims {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { poses, nees_mean, within_three_sigmas } = self;
+        write!(
+            f,
+            "NEES {nees_mean:.2} in the mean of {poses} poses (right: 1; of a single pose {:.2} to {:.1} in 95 of 100), {:.1} % within \
+             three of its deviations",
+            NEES_OF_ONE.0,
+            NEES_OF_ONE.1,
+            100.0 * within_three_sigmas
+        )
     }
 }

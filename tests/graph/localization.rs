@@ -124,7 +124,7 @@ fn a_map_is_mended_alike_in_processes_and_in_one_thread() {
     };
     let config = Config::load(&request).unwrap().into_config();
     let survey = echogrid_formats::log::survey(&config.replay.log).unwrap();
-    let provenance = echogrid::commands::provenance(&config, Some(&survey)).unwrap();
+    let provenance = config.provenance(Some(&survey)).unwrap();
     assert!(native_map_of(&config, provenance, &drive.out("thread")) == processes);
 }
 
@@ -141,7 +141,7 @@ fn landmarks_are_measured_alike_in_processes_and_in_one_thread() {
     };
     let config = Config::load(&request).unwrap().into_config();
     let survey = echogrid_formats::log::survey(&config.replay.log).unwrap();
-    let provenance = echogrid::commands::provenance(&config, Some(&survey)).unwrap();
+    let provenance = config.provenance(Some(&survey)).unwrap();
     assert!(native_map_of(&config, provenance, &drive.out("thread")) == processes);
 }
 

@@ -98,7 +98,7 @@ pub(crate) fn in_one_process(log: &std::path::Path, out: &std::path::Path, sets:
     let request =
         LoadRequest { log: log_name, sets: sets.iter().map(|set| (*set).into()).collect(), ..Default::default() };
     let config = Config::load(&request).unwrap().into_config();
-    let provenance = echogrid::commands::provenance(&config, Some(&log::survey(log).unwrap())).unwrap();
+    let provenance = config.provenance(Some(&log::survey(log).unwrap())).unwrap();
     native_map_of(&config, provenance, out)
 }
 

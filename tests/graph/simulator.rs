@@ -57,7 +57,7 @@ fn processes_and_steps_in_one_thread_make_the_same_map() {
         ..Default::default()
     };
     let config = echogrid::config::Config::load(&request).unwrap().into_config();
-    let provenance = echogrid::commands::provenance(&config, None).unwrap();
+    let provenance = config.provenance(None).unwrap();
     let local = native_map_of(&config, provenance, &folder.path().join("local"));
     assert!(local == std::fs::read(graph_out.join("map.echogrid")).unwrap());
 }

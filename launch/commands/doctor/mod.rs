@@ -19,7 +19,6 @@ use echogrid_formats::log::LogSurvey;
 use serde::Serialize;
 
 use super::demo;
-use super::graph::max_readings;
 use crate::config::{Config, LoadRequest};
 use finding::{Finding, Verdict};
 use need::Need;
@@ -48,7 +47,7 @@ pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
     };
     let report = Report { fit: said.is_none(), findings };
     super::print(&if json {
-        super::json_text(&report)?
+        echogrid_instruments::json(&report)?
     } else {
         report.findings.iter().map(ToString::to_string).collect()
     })?;
@@ -57,7 +56,7 @@ pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
 
 /// A process that can't map what it needs may die without a word, so that is looked at before anything is started.
 pub(super) fn require_addresses(config: &Config, survey: Option<&LogSurvey>) -> Result<()> {
-    let need = Need::for_scans(max_readings(config, survey), config);
+    let need = Need::for_scans(config.max_readings(survey), config);
     match limits::Facts::gather().too_few_addresses(&need) {
         Some(finding) => bail!("{}: {} (`echogrid doctor` says what mends it)", finding.check, finding.text),
         None => Ok(()),
@@ -66,7 +65,7 @@ pub(super) fn require_addresses(config: &Config, survey: Option<&LogSurvey>) -> 
 
 /// What of this machine may be to blame for a graph that failed: shared memory and limits that are less than it can need.
 pub(super) fn blame(config: &Config, survey: Option<&LogSurvey>) -> Option<String> {
-    let need = Need::for_scans(max_readings(config, survey), config);
+    let need = Need::for_scans(config.max_readings(survey), config);
     let findings = memory::Facts::gather().judge(&need).into_iter().chain(limits::Facts::gather().judge(&need));
     let problems: Vec<String> = findings
         .filter(|finding| finding.verdict == Verdict::Problem)

@@ -5,7 +5,6 @@ use echogrid_topics::domain::states_bytes;
 use echogrid_topics::topic::memory_budget_bytes;
 
 use super::finding::Finding;
-use crate::commands::graph::{max_readings, plays_log};
 use crate::config::Config;
 
 /// What the graph will need.
@@ -24,14 +23,14 @@ pub(super) struct Need {
 impl Need {
     pub(super) fn of(config: &Config) -> Self {
         let log = &config.replay.log;
-        let survey = (plays_log(config) && !log.as_os_str().is_empty())
+        let survey = (config.plays_log() && !log.as_os_str().is_empty())
             .then(|| log::survey_with(log, config.replay.survey_options()))
             .transpose();
         let (survey, log) = match survey {
             Ok(survey) => (survey, None),
             Err(error) => (None, Some(error.to_string())),
         };
-        Self { log, ..Self::for_scans(max_readings(config, survey.as_ref()), config) }
+        Self { log, ..Self::for_scans(config.max_readings(survey.as_ref()), config) }
     }
 
     pub(super) fn for_scans(max_readings: usize, config: &Config) -> Self {

@@ -9,7 +9,7 @@ use echogrid_formats::log::{self, LogError, LogSurvey, RecordingContents};
 use serde_json::json;
 
 use super::{Facts, date, span};
-use crate::commands::graph;
+use crate::commands::graph::remarks;
 use crate::config::settings_of_recording;
 
 /// Stamps before 2000 are those of a clock that began anywhere.
@@ -73,7 +73,7 @@ fn surveyed(facts: &mut Facts, survey: &LogSurvey) {
     if survey.true_pose_count > 0 {
         facts.line("truth", format!("{} poses where the robot really was", survey.true_pose_count));
     }
-    for remark in graph::remarks(survey) {
+    for remark in remarks::of_log(survey) {
         facts.line("log", remark);
     }
     facts.value("survey", json!(survey));

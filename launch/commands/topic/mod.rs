@@ -3,6 +3,7 @@
 mod json;
 mod reader;
 
+use echogrid_instruments::json;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::time::{Duration, Instant};
@@ -53,7 +54,7 @@ fn list(domain: Option<&str>, as_json: bool) -> Result<()> {
                 json!({ "topic": name, "delivery": delivery, "writers": writers, "readers": readers })
             })
             .collect();
-        return super::print(&super::json_text(&topics)?);
+        return super::print(&json(&topics)?);
     }
     let lines = topics.map(|(name, delivery, writers, readers)| {
         format!("{name:<21} {delivery:<10} {} → {}\n", writers.join(", "), readers.join(", "))
