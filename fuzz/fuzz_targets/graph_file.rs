@@ -1,7 +1,7 @@
 //! Any text as a graph file: what is taken can be written down, and means the same when it is read again.
 #![no_main]
 
-use echogrid::config::{Config, parse_graph};
+use echogrid_config::{Config, parse_graph};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

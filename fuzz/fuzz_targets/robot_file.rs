@@ -1,7 +1,7 @@
 //! Any text as a robot file: a robot that is taken is one that the processes can be told of.
 #![no_main]
 
-use echogrid::config::parse_robot;
+use echogrid_config::parse_robot;
 use echogrid_core::Robot;
 use echogrid_topics::contract::RobotWire;
 use libfuzzer_sys::fuzz_target;

@@ -4,7 +4,7 @@
 
 use std::path::PathBuf;
 
-use echogrid::config::{Config, LoadRequest, render};
+use echogrid_config::{Config, LoadRequest, render};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {

@@ -9,30 +9,14 @@ use crate::cli::View;
 use crate::config::{Config, LoadRequest, MAP_FILE};
 use crate::summary::Summary;
 
-/// What sets the demo apart from `echogrid up launch/graphs/map.toml --sensor simulator --fix truth`: the systematic
-/// error of the robot, which is known, taken out (the paper's Fig. 16).
-const SETTINGS: [&str; 2] = ["simulator.world=office", "odometry.systematic=correct"];
 /// As fast as the slowest process can, it would be over before anybody looked.
 const WATCHED_RATE: &str = "8";
 /// The drive as a log, beside the map.
 const DRIVE: &str = "drive.log.gz";
 
-/// What it runs; what the user set has the last word.
-pub(super) fn request(asked: LoadRequest) -> LoadRequest {
-    // SLAM is finest with a lidar, and asks nobody where the robot is.
-    let (robot, fix) = if asked.slam { ("laser", None) } else { ("pioneer3at", Some("truth".to_owned())) };
-    LoadRequest {
-        sensor: Some("simulator".to_owned()),
-        robot: asked.robot.or_else(|| Some(robot.to_owned())),
-        fix: asked.fix.or(fix),
-        sets: SETTINGS.map(str::to_owned).into_iter().chain(asked.sets).collect(),
-        ..asked
-    }
-}
-
 /// Maps the floor, and tells how good the map is.
 pub(super) fn run(asked: LoadRequest, view: &View) -> Result<()> {
-    let mut request = request(asked);
+    let mut request = asked.for_demo();
     if view.watch.is_some() && request.rate.is_none() {
         request.rate = Some(WATCHED_RATE.to_owned());
     }

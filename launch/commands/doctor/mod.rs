@@ -18,7 +18,6 @@ use anyhow::{Result, bail};
 use echogrid_formats::log::LogSurvey;
 use serde::Serialize;
 
-use super::demo;
 use crate::config::{Config, LoadRequest};
 use finding::{Finding, Verdict};
 use need::Need;
@@ -35,7 +34,7 @@ struct Report {
 /// # Errors
 /// The configuration is wrong, or the machine is not fit.
 pub(super) fn run(asked: LoadRequest, clean: bool, json: bool) -> Result<()> {
-    let request = if asked.graph.is_none() && asked.sensor.is_none() { demo::request(asked) } else { asked };
+    let request = if asked.graph.is_none() && asked.sensor.is_none() { asked.for_demo() } else { asked };
     let config = Config::load(&request)?.into_config();
     let findings = examine(&config, clean);
     let problems: Vec<&str> =

@@ -14,7 +14,8 @@ use super::Config;
 use super::problem::{Origin, Problem};
 use super::reading::{Setting, dotted};
 use super::schema::TOPIC;
-use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, Speech, default_services};
+use super::service::{BUILTIN_PREFIX, Builtin, Exec, Service, ServiceKind, Speech};
+use super::standard::default_services;
 use super::suggest;
 use super::wiring::{Written, declared};
 

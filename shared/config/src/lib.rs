@@ -25,6 +25,7 @@ mod run;
 mod schema;
 mod service;
 mod source;
+mod standard;
 mod suggest;
 #[cfg(test)]
 mod tests;
@@ -64,7 +65,8 @@ pub use robot_file::known_robots;
 pub use robot_file::parse_robot;
 pub use run::{Domain, NotA, Rate, RunConfig};
 pub use schema::{json_schema_of_graphs, json_schema_of_robots};
-pub use service::{Builtin, Care, Exec, Service, ServiceKind, Speech, default_services};
+pub use service::{Builtin, Care, Exec, Service, ServiceKind, Speech};
+pub use standard::default_services;
 pub use suggest::nearest;
 
 /// Readings in a scan of a sensor that says nothing of its size before it starts.

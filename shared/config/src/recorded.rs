@@ -9,8 +9,9 @@ use toml::{Table, Value};
 use super::assemble::Origins;
 use super::problem::ConfigError;
 use super::reading::{self, Findings, Setting, dotted};
-use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind, default_services};
+use super::service::{BUILTIN_PREFIX, Builtin, ServiceKind};
 use super::source::Source;
+use super::standard::default_services;
 use super::{Config, request};
 
 /// A setting that a recording carries: its key with its tables, and the value.

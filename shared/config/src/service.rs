@@ -7,7 +7,6 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::run::NotA;
-use super::wiring::Written;
 use super::{Restart, Wiring};
 
 /// One process of the graph.
@@ -275,17 +274,4 @@ impl fmt::Display for Exec {
             Self::Path(path) => path.display().fmt(f),
         }
     }
-}
-
-/// The graph of `echogrid map`: one service of each kind, named after it; a localizer only where one is wanted.
-#[must_use]
-pub fn default_services(with_localizer: bool) -> BTreeMap<String, Service> {
-    let service = |kind: ServiceKind| {
-        let exec = Exec::Builtin(kind.default_builtin()?);
-        let wiring = Written::default().resolve(kind, &exec, None);
-        let (args, env, care) = (Vec::new(), BTreeMap::new(), Care::default());
-        Some((kind.word().to_owned(), Service { kind, exec, args, env, speaks: None, replays: false, wiring, care }))
-    };
-    let wanted = ServiceKind::ALL.into_iter().filter(|kind| with_localizer || *kind != ServiceKind::Localizer);
-    wanted.filter_map(service).collect()
 }
