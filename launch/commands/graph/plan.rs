@@ -45,6 +45,8 @@ pub(super) fn of(config: &Config, survey: Option<&LogSurvey>, earlier: Vec<Strin
     }
     Ok(Plan {
         rate: match config.run.rate {
+            // It can't be had faster, and who looks on is told of the map as it goes.
+            Rate::Max if config.measures_what_is_now() => Some(1.0),
             Rate::Max => None,
             Rate::Times(times) => Some(times),
         },

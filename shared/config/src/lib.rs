@@ -253,6 +253,17 @@ impl Config {
         }
     }
 
+    /// Whether a sensor is known to measure what is now, at its own pace: a robot, a lidar, or a program that prints lines and does
+    /// not replay them.
+    #[must_use]
+    pub fn measures_what_is_now(&self) -> bool {
+        let mut sensors = self.services.values().filter(|service| service.kind == ServiceKind::Sensor);
+        sensors.any(|sensor| match sensor.exec {
+            Exec::Path(_) => sensor.speaks.is_some() && !sensor.replays,
+            Exec::Builtin(builtin) => builtin.is_live(),
+        })
+    }
+
     /// Whether poses are corrected by SLAM.
     #[must_use]
     pub fn does_slam(&self) -> bool {

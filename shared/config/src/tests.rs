@@ -325,6 +325,20 @@ fn what_is_simulated_is_a_pioneer_unless_another_robot_is_named() {
 }
 
 #[test]
+fn what_measures_what_is_now_is_known() {
+    let of = |sensor: &str| load("", &[&format!("services.sensor.exec=builtin:{sensor}")]).unwrap().into_config();
+    let is_now = ["replay", "simulator", "pioneer"].map(|sensor| of(sensor).measures_what_is_now());
+    assert_eq!(is_now, [false, false, true]);
+    let of_program = |replays| {
+        let mut config = of("replay");
+        let sensor = config.services.get_mut("sensor").unwrap();
+        (sensor.exec, sensor.speaks, sensor.replays) = (Exec::Path("a.sh".into()), Some(Speech::Carmen), replays);
+        config.measures_what_is_now()
+    };
+    assert_eq!([true, false].map(of_program), [false, true]);
+}
+
+#[test]
 fn later_sources_win() {
     let folder = Folder::new();
     let robot = super::robot::BUILTIN.iter().find(|(name, _)| *name == "pioneer3at").unwrap().1;
