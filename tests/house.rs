@@ -23,7 +23,6 @@ const LONG_FUNCTIONS: &[(&str, &str, &str)] = &[
     ("shared/core/src/config/mapper.rs", "validate", "one check for each key"),
     ("shared/formats/src/log/carmen/survey.rs", "conclude", "one finding after the other"),
     ("shared/formats/src/log/udacity/survey.rs", "survey", "one line format, read in one pass"),
-    ("shared/service/src/life.rs", "play", "the life of a service, from start to end"),
     ("shared/supervision/src/deaths.rs", "buried", "what is decided of a death, in its order"),
     ("tests/graph/disk_full.rs", "a_graph_on_a_small_disk", "one story"),
     ("tests/graph/second_user.rs", "root_neither_joins_nor_harms_the_graph_of_another_user", "one story"),

@@ -59,7 +59,11 @@ pub fn run(cli: Cli) -> ExitCode {
             let sensor = config.is_some().then(|| "replay".to_owned());
             graph::run(&LoadRequest { graph: config, sensor, log: Some(log), topics, ..settings.request() }, &view)
         }
-        Some(Command::Info { file, json }) => info::run(&file, json),
+        Some(Command::Info { file, json }) => {
+            // A folder may be a recording, too.
+            let map = file.join(MAP_FILE);
+            info::run(if map.is_file() { &map } else { &file }, json)
+        }
         Some(Command::Up { graph, sensor, topics, settings, view }) => {
             graph::run(&LoadRequest { graph: Some(graph), sensor, topics, ..settings.request() }, &view)
         }

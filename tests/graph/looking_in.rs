@@ -31,6 +31,7 @@ fn info_tells_what_a_file_is() {
         (drive.log(), "log"),
         (parameters, "aria-parameters"),
         (drive.out("maps/map.echogrid"), "native-map"),
+        (drive.out("maps"), "native-map"),
         (drive.out("maps/map.yaml"), "map-server"),
         (graph, "graph"),
         (foreign, "foreign"),

@@ -19,6 +19,7 @@ pub mod outbox;
 pub mod pace;
 pub mod placed;
 pub mod plan;
+pub mod play;
 pub mod process;
 pub mod runtime;
 pub mod signals;

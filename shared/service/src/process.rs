@@ -10,6 +10,7 @@ use echogrid_topics::Topic;
 
 use crate::life::{self, InVain};
 use crate::plan::{Plan, SERVICE_VARIABLE};
+use crate::play;
 use crate::runtime::{Runtime, Terminated};
 use crate::{Sensor, Service, in_words, logging, signals};
 
@@ -37,7 +38,7 @@ pub fn run<S: Service>(
 pub fn run_sensor<S: Sensor>(name: &str, outputs: &'static [Topic], make: impl FnOnce(&Plan) -> Result<S>) -> ExitCode {
     start(name, &[], outputs, |runtime| {
         let mut sensor = make(runtime.plan())?;
-        block_on(life::play(runtime, &mut sensor))
+        block_on(play::play(runtime, &mut sensor))
     })
 }
 

@@ -9,7 +9,7 @@ use echogrid_publisher::PublisherService;
 use echogrid_service::host::Told;
 use echogrid_service::runtime::{Ends, Runtime};
 use echogrid_service::store::{Shelf as _, Store, Table, beginning};
-use echogrid_service::{Plan, Service, life};
+use echogrid_service::{Plan, Service, life, play};
 use echogrid_supervision::{End, Process, Usage};
 use echogrid_topics::memory::Bus;
 use echogrid_topics::topic::Qos;
@@ -172,7 +172,7 @@ impl Start<'_> {
                 let mut sensor = Recording::new(&self.drive.messages(), is_live, measured);
                 let mut runtime = runtime;
                 Box::pin(async move {
-                    let end = life::play(&mut runtime, &mut sensor).await;
+                    let end = play::play(&mut runtime, &mut sensor).await;
                     last_words(runtime, end)
                 })
             }

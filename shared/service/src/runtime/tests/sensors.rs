@@ -31,7 +31,7 @@ impl Neighbours {
     /// A life of a sensor in the adder's place.
     fn count(&mut self, rate: Option<f64>, mut counter: Counter) -> Life {
         let (mut runtime, switches, pid) = self.runtime(rate, |_, _| Vec::new());
-        let future = Box::pin(async move { life::play(&mut runtime, &mut counter).await });
+        let future = Box::pin(async move { crate::play::play(&mut runtime, &mut counter).await });
         Life { future, switches, pid }
     }
 }
