@@ -82,7 +82,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// As people say it.
+    /// The command as people say it.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {

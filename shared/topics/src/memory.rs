@@ -80,7 +80,7 @@ impl core::fmt::Debug for State {
 pub struct Bus(Rc<RefCell<State>>);
 
 impl Bus {
-    /// Without anybody.
+    /// A graph's topics without producers and consumers.
     #[must_use]
     pub fn new(schedule: Box<dyn Schedule>) -> Self {
         let (producers, consumers, rung) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());

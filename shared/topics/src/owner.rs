@@ -84,7 +84,7 @@ impl Owner {
         &self.participant
     }
 
-    /// The domain.
+    /// The domain whose topics are owned.
     #[must_use]
     pub fn domain(&self) -> &Domain {
         self.claim.domain()

@@ -91,7 +91,7 @@ impl Output {
 }
 
 impl<T: Content> Output<T> {
-    /// As [`Output::open`], of a topic that is known when the program is written.
+    /// Opens an output as [`Output::open`] does, of a topic that is known when the program is written.
     ///
     /// # Errors
     /// The topic can't be opened.
@@ -134,7 +134,7 @@ impl<M> Output<M> {
         }
     }
 
-    /// The topic.
+    /// The topic that is written.
     #[must_use]
     pub fn topic(&self) -> Topic {
         self.topic
@@ -325,7 +325,7 @@ impl Input {
 }
 
 impl<T: Content> Input<T> {
-    /// As [`Input::open`], of a topic that is known when the program is written.
+    /// Opens an input as [`Input::open`] does, of a topic that is known when the program is written.
     ///
     /// # Errors
     /// The topic can't be opened.
@@ -341,7 +341,7 @@ impl<M> Input<M> {
         Self { topic, mailbox, place: Place::default() }
     }
 
-    /// The topic.
+    /// The topic that is read.
     #[must_use]
     pub fn topic(&self) -> Topic {
         self.topic

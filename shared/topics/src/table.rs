@@ -54,7 +54,7 @@ macro_rules! topics {
         pub enum Topic { $($(#[$doc])* $topic = $number,)* }
 
         impl Topic {
-            /// Every topic.
+            /// Every topic, in the order of the table.
             pub const ALL: [Self; [$($number),*].len()] = [$(Self::$topic),*];
 
             // In this crate alone: else each that asks for a topic's name is compiled with the ports of all of them.
@@ -83,7 +83,7 @@ macro_rules! topics {
                 match self { $(Self::$message(content) => crate::content::Content::json(content),)* }
             }
 
-            /// Its bytes as they would lie in shared memory.
+            /// The bytes of the message as they would lie in shared memory.
             #[must_use]
             pub fn bytes(&self) -> Vec<u8> {
                 use crate::content::Content;

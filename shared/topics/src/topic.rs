@@ -27,7 +27,7 @@ impl Delivery {
         matches!(self, Self::Lossless | Self::Relayed)
     }
 
-    /// As people say it.
+    /// The delivery as people say it.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -50,7 +50,7 @@ pub struct Qos {
     pub window: u64,
     /// Consumers, with room for tools and a leaked one.
     pub subscribers: usize,
-    /// Producers, likewise.
+    /// Producers, with room for a leaked one.
     pub publishers: usize,
     /// Largest slice in a message; 1 where the payload is one struct.
     pub slice_len: usize,
@@ -59,13 +59,13 @@ pub struct Qos {
 }
 
 impl Topic {
-    /// Its name among the services of a domain.
+    /// The topic's name among the services of a domain.
     #[must_use]
     pub fn name(self) -> &'static str {
         self.row().name
     }
 
-    /// Its number on the wire.
+    /// The topic's number on the wire.
     #[must_use]
     pub fn code(self) -> u32 {
         self as u32

@@ -25,7 +25,7 @@ impl Velocity {
         DeclaredTopic { type_name, bytes: Self::BYTES, delivery: DeclaredDelivery::Latest }
     }
 
-    /// As it is sent: forward speed and turn rate, two `f64` of the machine.
+    /// The velocity as it is sent: forward speed and turn rate, two `f64` of the machine.
     #[must_use]
     pub fn to_bytes(self) -> [u8; Self::BYTES] {
         let mut bytes = [0; Self::BYTES];

@@ -20,13 +20,13 @@ pub(crate) const TOLD: u16 = 2;
 /// One field of a wire type.
 #[derive(Debug, Clone, Copy)]
 pub struct Field {
-    /// Name.
+    /// The name of the field.
     pub name: &'static str,
-    /// Rust type.
+    /// The Rust type of the field.
     pub ty: &'static str,
     /// Bytes from the start of the message.
     pub offset: usize,
-    /// Bytes.
+    /// The size of the field, bytes.
     pub size: usize,
     /// The layout of a wire type within this one.
     pub part: Option<&'static Layout>,
@@ -35,11 +35,11 @@ pub struct Field {
 /// The layout of a wire type.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
-    /// `echogrid/<Name>/<version>`.
+    /// The name of the type and its version: `echogrid/<Name>/<version>`.
     pub schema: &'static str,
-    /// Bytes.
+    /// The size of the type, bytes.
     pub size: usize,
-    /// Bytes.
+    /// The alignment of the type, bytes.
     pub align: usize,
     /// Fields in order.
     pub fields: &'static [Field],

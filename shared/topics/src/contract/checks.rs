@@ -7,7 +7,7 @@ use echogrid_core::{POSITION_MAX_M, Pose2};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{field} = {value}: expected {expected}")]
 pub struct Fault {
-    /// Which field.
+    /// The field that is wrong.
     pub field: &'static str,
     /// What it held.
     pub value: String,

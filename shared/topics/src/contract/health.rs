@@ -44,7 +44,7 @@ pub enum ServiceState {
 }
 
 impl ServiceState {
-    /// As people say it.
+    /// The state as people say it.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -67,7 +67,7 @@ impl Serialize for ServiceState {
 /// How far a consumer has integrated one of its inputs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Ack {
-    /// The input.
+    /// The topic of the input.
     pub topic: Topic,
     /// Epoch of the sequence; 0 before the first message.
     pub epoch: u64,
@@ -78,9 +78,9 @@ pub struct Ack {
 /// How a service is doing.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Health {
-    /// Its name in the graph.
+    /// The service's name in the graph.
     pub service: String,
-    /// Its process.
+    /// The number of the service's process.
     pub pid: u32,
     /// What it is doing.
     pub state: ServiceState,
@@ -107,7 +107,7 @@ pub struct Health {
 }
 
 impl Health {
-    /// Of a process that has done nothing yet.
+    /// The health of a process that has done nothing yet.
     #[must_use]
     pub fn new(service: impl Into<String>, pid: u32, state: ServiceState) -> Self {
         Self {

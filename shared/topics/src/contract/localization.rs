@@ -50,7 +50,7 @@ pub struct LocalizationRequest {
     pub id: u64,
     /// Where the robot believes to be.
     pub estimate: PoseEstimate,
-    /// Why.
+    /// Why a localization is wanted.
     pub reason: Reason,
 }
 

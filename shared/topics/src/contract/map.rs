@@ -90,9 +90,9 @@ pub enum Layer {
 /// One tile of the map, whole.
 #[derive(Debug, Clone)]
 pub struct TileUpdate {
-    /// Of which map.
+    /// The layer that the tile belongs to.
     pub layer: Layer,
-    /// Which tile.
+    /// The place of the tile in the grid.
     pub index: TileIndex,
     /// Number of the scan that changed it last.
     pub revision: u64,
@@ -107,7 +107,7 @@ pub struct TileUpdate {
 pub struct MapInfo {
     /// Number of the last scan in the map.
     pub revision: u64,
-    /// Scans integrated.
+    /// The number of scans integrated.
     pub scans: u64,
     /// Cells that some reading touched.
     pub cells_known: u64,
@@ -117,7 +117,7 @@ pub struct MapInfo {
     pub cells_free: u64,
     /// Sum over the known cells, bits.
     pub entropy_bits: f64,
-    /// Of the latest estimate used.
+    /// The trust of the latest estimate used, in [0, 1].
     pub trust: f64,
     /// Travelled since the start, metres.
     pub distance_m: f64,

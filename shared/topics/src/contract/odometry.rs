@@ -74,7 +74,7 @@ pub struct PoseEstimate {
 }
 
 impl PoseEstimate {
-    /// Of a robot of which nothing is known to be wrong.
+    /// The estimate of a robot of which nothing is known to be wrong.
     #[must_use]
     pub fn plain(estimate: Estimate, trust: f64, distance_m: f64) -> Self {
         Self {

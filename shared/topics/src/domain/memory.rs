@@ -14,11 +14,11 @@ use super::{DomainError, SHM};
 /// What /dev/shm is, and how full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SharedMemory {
-    /// Its size.
+    /// The size of the file system, bytes.
     pub total_bytes: u64,
     /// What nobody uses yet.
     pub free_bytes: u64,
-    /// Of that, what graphs (of any user) have reserved and not used so far.
+    /// The part of the free bytes that graphs (of any user) have reserved and not used so far.
     pub promised_bytes: u64,
     /// Files that can still be made; none where there is no limit.
     pub free_inodes: Option<u64>,
@@ -29,7 +29,7 @@ pub struct SharedMemory {
 }
 
 impl SharedMemory {
-    /// As it is now.
+    /// Looks at the shared memory as it is now.
     ///
     /// # Errors
     /// There is none.

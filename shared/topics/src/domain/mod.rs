@@ -100,13 +100,13 @@ impl Domain {
         domain
     }
 
-    /// Its name.
+    /// The name of the domain.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its directory, on tmpfs.
+    /// The directory of the domain, on tmpfs.
     #[must_use]
     pub fn dir(&self) -> PathBuf {
         self.base.join(&self.name)
@@ -265,7 +265,7 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// The domain.
+    /// The domain that is claimed.
     #[must_use]
     pub fn domain(&self) -> &Domain {
         &self.domain

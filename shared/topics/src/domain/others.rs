@@ -13,7 +13,7 @@ use super::{Domain, SHM};
 /// A user, for people.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct User {
-    /// The number.
+    /// The number of the user.
     pub uid: u32,
     /// The name, if the system knows one.
     pub name: Option<String>,

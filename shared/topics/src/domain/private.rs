@@ -97,11 +97,11 @@ pub(super) fn close(prefix: &str) -> Result<(), DomainError> {
 /// Something named like ours that others can get at.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Exposed {
-    /// Where.
+    /// The path of the file or directory.
     pub path: PathBuf,
-    /// Its owner.
+    /// The number of the user who owns it.
     pub owner: u32,
-    /// Its permissions.
+    /// The permission bits of the file or directory.
     pub mode: u32,
 }
 

@@ -15,16 +15,16 @@ use super::{Domain, SHM, base_of};
 /// A graph that runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Running {
-    /// Its domain.
+    /// The name of the graph's domain.
     pub name: String,
-    /// Its launcher, if known.
+    /// The number of the launcher's process, if known.
     pub launcher: Option<u32>,
 }
 
 /// What a graph left of which no process lives.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Leftover {
-    /// Its domain.
+    /// The name of the domain that the graph had.
     pub name: String,
     /// How many files.
     pub files: usize,
