@@ -10,7 +10,7 @@ pub struct Configuration {
     pub class: String,
     /// Model, such as `p3at-sh`.
     pub subclass: String,
-    /// Serial number.
+    /// The serial number of the robot.
     pub serial_number: String,
     /// The robot's name.
     pub name: String,
@@ -100,7 +100,7 @@ impl Configuration {
         Ok(())
     }
 
-    /// As a robot sends it; none if the texts are too long for a packet.
+    /// The packet by which a robot sends it; none if the texts are too long for one.
     #[must_use]
     pub fn packet(&self) -> Option<Packet> {
         let mut bytes = Vec::with_capacity(120);

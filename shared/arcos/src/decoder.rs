@@ -6,7 +6,7 @@ use crate::{Configuration, HEADER, Packet};
 /// A packet, and where it was.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Found {
-    /// The packet.
+    /// The packet that was found.
     pub packet: Packet,
     /// The place of its first byte in the stream, from 0: whoever knows when that byte came knows when the packet did.
     pub at: u64,

@@ -8,9 +8,9 @@ use crate::{Malformed, Packet};
 pub struct Identity {
     /// What its owner called it.
     pub name: String,
-    /// Its class, such as `Pioneer`.
+    /// The class of the robot, such as `Pioneer`.
     pub class: String,
-    /// Its model, such as `p3at-sh`: the name of its parameter file.
+    /// The model of the robot, such as `p3at-sh`: the name of its parameter file.
     pub subclass: String,
 }
 
@@ -18,7 +18,7 @@ impl Identity {
     /// The id of the packet that carries it.
     pub const ID: u8 = 2;
 
-    /// Reads it.
+    /// Reads name and model from the packet that carries them.
     ///
     /// # Errors
     /// One of the three texts is missing.
@@ -27,7 +27,7 @@ impl Identity {
         Ok(Self { name: reader.text("name")?, class: reader.text("class")?, subclass: reader.text("subclass")? })
     }
 
-    /// As the robot sends it; none if the texts are too long for a packet.
+    /// The packet by which a robot sends it; none if the texts are too long for one.
     #[must_use]
     pub fn packet(&self) -> Option<Packet> {
         let texts = [&self.name, &self.class, &self.subclass];

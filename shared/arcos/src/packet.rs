@@ -70,7 +70,7 @@ impl Packet {
         self.bytes.get(4..self.bytes.len().saturating_sub(2)).unwrap_or_default()
     }
 
-    /// As it goes over the line.
+    /// The packet as it goes over the line.
     #[must_use]
     pub fn bytes(&self) -> &[u8] {
         &self.bytes

@@ -3,11 +3,11 @@
 /// Where a sonar sits, in millimetres and degrees, in the robot's frame: x forward, y left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SonarPlace {
-    /// Its number, as information packets have it.
+    /// The number of the sonar, as information packets have it.
     pub number: u8,
-    /// Forward, mm.
+    /// The place of the sonar along the robot's x axis, forward, mm.
     pub x_mm: f64,
-    /// To the left, mm.
+    /// The place of the sonar along the robot's y axis, to the left, mm.
     pub y_mm: f64,
     /// Where it looks, degrees counter-clockwise.
     pub heading_deg: f64,
@@ -43,7 +43,7 @@ pub struct Parameters {
     pub turn_max_degps: f64,
     /// The farthest that its sonars hear, mm; 0: not told (`SonarMaxRange`).
     pub sonar_max_mm: f64,
-    /// Its sonars, by number.
+    /// The sonars of the robot, by number.
     pub sonars: Vec<SonarPlace>,
 }
 
@@ -80,7 +80,7 @@ const ROUNDED: f64 = 0.005;
 pub struct ParameterError {
     /// The line, from 1.
     pub line: usize,
-    /// Which parameter.
+    /// The parameter that is wrong.
     pub key: String,
     /// What stands there.
     pub value: String,

@@ -6,7 +6,7 @@ use crate::{Malformed, Packet};
 /// What a sonar heard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct SonarRange {
-    /// Its number, from 0.
+    /// The number of the sonar, from 0.
     pub number: u8,
     /// Range in counts: see [`crate::Parameters::range_mm_per_count`].
     pub range: u16,
@@ -21,9 +21,9 @@ pub struct Sip {
     pub is_moving: bool,
     /// Position along its own x axis, in 15 bits: see [`crate::Counter`].
     pub x: u16,
-    /// Position along its own y axis, likewise.
+    /// Position along its own y axis, in 15 bits: see [`crate::Counter`].
     pub y: u16,
-    /// Heading, counter-clockwise.
+    /// Heading, counter-clockwise, in the robot's counts.
     pub heading: i16,
     /// Speed of the left wheels.
     pub left_speed: i16,
@@ -47,9 +47,9 @@ pub struct Sip {
     pub analog_port: Option<u8>,
     /// Value of the analog port.
     pub analog: Option<u8>,
-    /// Digital inputs.
+    /// State of the digital inputs, a bit each.
     pub digital_in: Option<u8>,
-    /// Digital outputs.
+    /// State of the digital outputs, a bit each.
     pub digital_out: Option<u8>,
     /// Battery, tenths of a volt, for those of more than 25.5 V.
     pub wide_battery: Option<u16>,
@@ -59,7 +59,7 @@ pub struct Sip {
     pub turn_rate: Option<i16>,
     /// What is faulty.
     pub faults: Option<u16>,
-    /// Sideways speed.
+    /// Speed to the side, in the robot's counts.
     pub lateral_speed: Option<i16>,
     /// Temperature, °C; −127: not known.
     pub temperature: Option<i8>,
@@ -119,7 +119,7 @@ impl Sip {
         Ok(sip)
     }
 
-    /// As a robot sends it: up to the first field that is missing. None if it has too many sonars for a packet.
+    /// The packet by which a robot sends it, up to the first field that is missing; none if it has too many sonars for one.
     #[must_use]
     pub fn packet(&self) -> Option<Packet> {
         let mut bytes = Vec::with_capacity(90);

@@ -24,7 +24,7 @@ pub struct Map {
     dense: Vec<f32>,
 }
 
-/// `struct echogrid_grid`.
+/// The cells of a map (`struct echogrid_grid`).
 #[derive(Debug)]
 #[repr(C)]
 pub struct Grid {
@@ -32,9 +32,9 @@ pub struct Grid {
     pub rows: u64,
     /// From the lowest x up.
     pub columns: u64,
-    /// Of the lower left corner of the first cell, metres.
+    /// The x of the lower left corner of the first cell, metres.
     pub origin_x_m: f64,
-    /// Likewise.
+    /// The y of the lower left corner of the first cell, metres.
     pub origin_y_m: f64,
     /// Side of a cell, metres.
     pub resolution_m: f64,

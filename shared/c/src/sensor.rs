@@ -18,7 +18,7 @@ const ODOMETRY: i32 = 1;
 const SCAN: i32 = 2;
 const NOTHING_YET: i32 = 3;
 
-/// `struct echogrid_said`.
+/// What a sensor says in one go (`struct echogrid_said`).
 #[derive(Debug)]
 #[repr(C)]
 pub struct Said {
@@ -34,13 +34,13 @@ pub struct Said {
     pub error: [c_char; 256],
 }
 
-/// `struct echogrid_driver`.
+/// A sensor in functions of C (`struct echogrid_driver`).
 #[derive(Debug)]
 #[repr(C)]
 pub struct Driver {
-    /// Of the program, for logs.
+    /// The name of the program, for logs.
     pub name: *const c_char,
-    /// As it looks.
+    /// The description of the robot.
     pub robot: *const RobotWire,
     /// Handed to the functions.
     pub user: *mut c_void,

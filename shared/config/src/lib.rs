@@ -96,7 +96,7 @@ pub struct Config {
     pub slam: SlamConfig,
     /// When an absolute localization is asked for.
     pub localization: LocalizationConfig,
-    /// Who answers.
+    /// Who answers when an absolute localization is asked for.
     pub localizer: LocalizerConfig,
     /// The grid and the sensor model.
     pub mapper: MapperConfig,
@@ -158,7 +158,7 @@ impl Config {
         Ok(toml::to_string(self)?)
     }
 
-    /// As [`Config::to_toml`], as a table.
+    /// The configuration as [`Config::to_toml`] writes it, as a table.
     ///
     /// # Errors
     /// As there.

@@ -40,7 +40,7 @@ impl Loaded {
         self.config
     }
 
-    /// The same as a table, the resolved `[robot]` included.
+    /// The effective configuration as a table, the resolved `[robot]` included.
     #[must_use]
     pub fn table(&self) -> &Table {
         &self.table

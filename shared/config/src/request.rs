@@ -26,13 +26,13 @@ pub struct LoadRequest {
     pub graph: Option<PathBuf>,
     /// `--robot`: the name of a built-in robot, a robot file, or `auto`.
     pub robot: Option<String>,
-    /// `--rate`.
+    /// `--rate`: the speed, `max` or times real time.
     pub rate: Option<String>,
-    /// `--out`.
+    /// `--out`: the folder that the map is saved in.
     pub out: Option<String>,
-    /// `--domain`.
+    /// `--domain`: the name that keeps the graph apart from others on the machine.
     pub domain: Option<String>,
-    /// `--spool`.
+    /// `--spool`: the folder of what the run can be resumed from.
     pub spool: Option<String>,
     /// `--resume`: goes on with what is spooled.
     pub resume: bool,

@@ -12,7 +12,7 @@ use super::{Restart, Wiring};
 /// One process of the graph.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Service {
-    /// Its role.
+    /// The role of the service.
     pub kind: ServiceKind,
     /// What is started.
     pub exec: Exec,
@@ -58,7 +58,7 @@ pub struct Care {
     pub restart: Restart,
     /// Whether the graph ends when it is given up; else the others go on without it.
     pub required: bool,
-    /// Its niceness, -20 to 19: below 0 takes a privilege.
+    /// The niceness of the service, -20 to 19: below 0 takes a privilege.
     pub nice: i32,
     /// The most address space that it may have, MiB; 0: no limit.
     pub memory_max_mib: u64,
@@ -94,7 +94,7 @@ impl ServiceKind {
     /// All that a graph is made of, upstream to downstream.
     pub const ALL: [Self; 5] = [Self::Sensor, Self::Odometry, Self::Localizer, Self::Mapper, Self::Publisher];
 
-    /// As it is written; also the name of the default service of this kind.
+    /// The role as it is written; also the name of the default service of this kind.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {

@@ -54,7 +54,7 @@ impl Channel {
         Self::Health,
     ];
 
-    /// Its topic.
+    /// The topic of the channel.
     #[must_use]
     pub fn topic(self) -> &'static str {
         match self {
@@ -74,7 +74,7 @@ impl Channel {
         }
     }
 
-    /// Its topic, encoding and type.
+    /// The topic, encoding and message type of the channel.
     #[must_use]
     pub fn described(self) -> McapChannel {
         match self {

@@ -15,7 +15,7 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Begins now.
+    /// A clock that begins now.
     #[must_use]
     pub fn new(now: Instant) -> Self {
         Self { looked: now, lost: Duration::ZERO, begun: now }

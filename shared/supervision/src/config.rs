@@ -3,7 +3,7 @@
 use echogrid_core::config::ConfigError;
 use serde::{Deserialize, Serialize};
 
-/// `[supervision]`.
+/// The `[supervision]` section: what happens when a service dies or hangs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SupervisionConfig {

@@ -119,7 +119,8 @@ pub struct Supervision<P> {
 }
 
 impl<P: Process> Supervision<P> {
-    /// Of a graph of these services, none of which was started; of those at one place in the flow of streams the first come first.
+    /// The supervision of a graph of these services, none of which was started.
+    /// Of those at one place in the flow of streams the first come first.
     #[must_use]
     pub fn new(services: &[(String, Role)], settings: Settings, now: Instant) -> Self {
         let by_name: BTreeMap<String, Role> = services.iter().cloned().collect();

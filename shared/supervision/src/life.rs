@@ -80,12 +80,12 @@ impl<P: Process> Life<P> {
         }
     }
 
-    /// The process.
+    /// The process of this life.
     pub fn process(&self) -> &P {
         &self.process
     }
 
-    /// Likewise.
+    /// The process of this life, to be changed.
     pub fn process_mut(&mut self) -> &mut P {
         &mut self.process
     }

@@ -28,7 +28,7 @@ pub enum Stage {
 /// A service of the graph.
 #[derive(Debug)]
 pub struct Unit<P> {
-    /// Its name in the graph.
+    /// The name of the service in the graph.
     pub name: String,
     /// Where in the flow of streams it is.
     pub place: Place,
@@ -74,12 +74,12 @@ impl<P: Process> Unit<P> {
         matches!(self.stage, Stage::Alive | Stage::Waiting(_))
     }
 
-    /// Its life, while it runs.
+    /// The life of the service, while it runs.
     pub fn alive(&self) -> Option<&Life<P>> {
         self.life.as_ref().filter(|_| self.stage == Stage::Alive)
     }
 
-    /// Likewise.
+    /// The life of the service, to be changed, while it runs.
     pub fn alive_mut(&mut self) -> Option<&mut Life<P>> {
         self.life.as_mut().filter(|_| self.stage == Stage::Alive)
     }

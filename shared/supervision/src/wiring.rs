@@ -19,7 +19,7 @@ pub struct Wiring {
 }
 
 impl Wiring {
-    /// Its keys in a graph file.
+    /// The keys of a service's wiring in a graph file.
     pub const KEYS: [&str; 4] = ["reads", "looks_on", "writes", "source"];
 }
 
