@@ -14,15 +14,15 @@ pub const LETTER_PX: usize = 8;
 /// Pixels, and how many there are.
 #[derive(Debug, Clone)]
 pub struct Canvas {
-    /// Pixels across.
+    /// The number of pixels across.
     pub width: usize,
-    /// Pixels down.
+    /// The number of pixels down.
     pub height: usize,
     pixels: Vec<u8>,
 }
 
 impl Canvas {
-    /// All paper.
+    /// A canvas on which nothing is drawn: all of it is paper.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: PAPER.repeat(width * height) }
@@ -57,7 +57,7 @@ impl Canvas {
         }
     }
 
-    /// As the bytes of a PNG file; the same pixels give the same bytes.
+    /// The picture as the bytes of a PNG file; the same pixels give the same bytes.
     ///
     /// # Errors
     /// When there is no pixel.

@@ -27,7 +27,7 @@ const LINE_PX: usize = 24;
 /// About so many marks to an axis.
 const MARKS: f64 = 6.0;
 
-/// One panel.
+/// One panel of a chart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Panel {
     /// What stands above it.
@@ -36,7 +36,7 @@ pub struct Panel {
     pub x: String,
     /// What the vertical axis is, with its unit.
     pub y: String,
-    /// x, y.
+    /// The points, x and y each.
     pub points: Vec<[f64; 2]>,
     /// The line is y = slope x.
     pub slope: f64,

@@ -150,7 +150,7 @@ pub fn convert(input: &Path, output: &Path) -> Result<ConvertReport, ConvertErro
     convert_with(input, output, log::SurveyOptions::default())
 }
 
-/// As [`convert`], where the user says of a log what it does not.
+/// Converts a file as [`convert`] does, where the user says of a log what it does not.
 ///
 /// # Errors
 /// As [`convert`].

@@ -17,7 +17,7 @@ pub enum MapLayer {
 }
 
 impl MapLayer {
-    /// Its name, which is that of the key of `[mapper]` that keeps it.
+    /// The name of the layer, which is that of the key of `[mapper]` that keeps it.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

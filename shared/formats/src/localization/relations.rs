@@ -26,9 +26,9 @@ const ANGLE_MAX_RAD: f64 = 1e6;
 /// How the pose at one stamp lies, seen from that at another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Relation {
-    /// Nanoseconds.
+    /// The stamp of the pose that looks, nanoseconds.
     pub from_ns: u64,
-    /// Nanoseconds.
+    /// The stamp of the pose that is seen, nanoseconds.
     pub to_ns: u64,
     /// The pose at `to_ns`, seen from that at `from_ns`.
     pub pose: Pose2,

@@ -70,7 +70,7 @@ pub enum StepKind {
 pub struct ClockStep {
     /// The first line after it.
     pub line: u64,
-    /// Which way.
+    /// Which way the clock stepped.
     pub kind: StepKind,
     /// By how much, seconds, never negative.
     pub by_s: f64,

@@ -65,7 +65,7 @@ pub fn survey(path: &Path) -> Result<LogSurvey, LogError> {
     survey_with(path, SurveyOptions::default())
 }
 
-/// As [`survey`], where the user says what the log does not.
+/// Surveys a log as [`survey`] does, where the user says what the log does not.
 ///
 /// # Errors
 /// As [`survey`].

@@ -31,17 +31,17 @@ impl SurveyOptions {
 /// What is in a log, learnt by reading it once.
 #[derive(Debug, Clone, Serialize)]
 pub struct LogSurvey {
-    /// Its format.
+    /// The format of the log.
     pub format: LogFormat,
     /// The robot: every range sensor that the log uses, transducers numbered over all of them.
     pub robot: Robot,
-    /// Odometry events.
+    /// The number of odometry events.
     pub odometry_count: u64,
-    /// Scan events.
+    /// The number of scans.
     pub scan_count: u64,
-    /// Readings in all scans.
+    /// The number of readings in all scans.
     pub reading_count: u64,
-    /// True-pose events.
+    /// The number of true poses.
     pub true_pose_count: u64,
     /// Readings in the largest scan.
     pub max_readings_per_scan: usize,

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// A map, the path on which it was made, and where it comes from.
 #[derive(Debug, Clone)]
 pub struct MapDocument {
-    /// The cells.
+    /// The cells of the map, as log-odds.
     pub grid: Grid,
     /// How much odometry error the evidence of each cell carried, metres in the cells; none: nobody kept it.
     pub doubt: Option<Grid>,
@@ -51,7 +51,7 @@ pub struct Provenance {
     pub software: String,
     /// SHA-256 of the log, hexadecimal; none for a map made of live readings.
     pub log_sha256: Option<String>,
-    /// Of each drive that it goes on with, the first first: the SHA-256 of its log, or `live`.
+    /// The drives that it goes on with, the first first: of each the SHA-256 of its log, or `live`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub earlier: Vec<String>,
     /// The configuration in effect, as TOML.

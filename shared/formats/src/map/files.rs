@@ -24,7 +24,7 @@ pub enum MapFormat {
 }
 
 impl MapFormat {
-    /// Every format.
+    /// Every format of a map.
     pub const ALL: [Self; 4] = [Self::Png, Self::Pgm, Self::Npy, Self::Echogrid];
 }
 

@@ -43,7 +43,7 @@ pub fn encode(document: &MapDocument, draw_path: bool) -> Result<Vec<u8>, MapErr
     encode_png(&canvas.pixels, canvas.width, canvas.height, ExtendedColorType::Rgb8)
 }
 
-/// The same with the heading of the robot, and below it a scale bar, the axes, and what the colours mean.
+/// The picture of [`encode`] with the heading of the robot, and below it a scale bar, the axes, and what the colours mean.
 ///
 /// # Errors
 /// As [`encode`].

@@ -32,9 +32,9 @@ const LEARNT_AT_LAST: usize = 100_000;
 /// A line as it was printed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PrintedLine {
-    /// Its number, from 1 on.
+    /// The number of the line, from 1 on.
     pub number: u64,
-    /// Its bytes without their end; none where it was too long.
+    /// The bytes of the line without its end; none where it was too long.
     pub bytes: Option<Vec<u8>>,
     /// When it came, nanoseconds, if its program measures what is now: its stamps then only tell how far apart lines are, and where
     /// all of them are 0 each line has this one.
@@ -45,7 +45,7 @@ pub struct PrintedLine {
 pub struct PrintedLines<R: Read>(Lines<R>);
 
 impl<R: Read> PrintedLines<R> {
-    /// Of what is read from `output`; waits for its first bytes.
+    /// The lines of what is read from `output`; waits for its first bytes.
     ///
     /// # Errors
     /// Reading fails.

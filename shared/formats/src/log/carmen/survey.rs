@@ -38,7 +38,7 @@ pub fn survey(stored: impl Read, path: &Path) -> Result<LogSurvey, LogError> {
     survey_with(stored, path, SurveyOptions::default())
 }
 
-/// As [`survey`], where the user says what the log does not.
+/// Surveys a CARMEN log as [`survey`] does, where the user says what the log does not.
 ///
 /// # Errors
 /// As [`survey`].

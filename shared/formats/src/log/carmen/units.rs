@@ -37,7 +37,7 @@ impl RangeUnit {
         }
     }
 
-    /// In words.
+    /// The name of the unit, in words.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

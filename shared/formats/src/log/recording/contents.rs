@@ -7,11 +7,11 @@ use super::inventory::Inventory;
 /// One topic of a recording.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicContents {
-    /// Its name.
+    /// The name of the topic.
     pub topic: String,
-    /// Its type, as `sensor_msgs/LaserScan`.
+    /// The type of the topic's messages, as `sensor_msgs/LaserScan`.
     pub datatype: String,
-    /// Messages.
+    /// The number of messages.
     pub count: u64,
     /// Messages per second.
     pub rate_hz: f64,
@@ -30,7 +30,7 @@ pub struct RecordingContents {
     pub first_ns: u64,
     /// When the last of them was recorded, nanoseconds.
     pub last_ns: u64,
-    /// Its topics.
+    /// The topics of the recording.
     pub topics: Vec<TopicContents>,
 }
 

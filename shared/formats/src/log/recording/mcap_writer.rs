@@ -20,7 +20,7 @@ const HEAD_BYTES: u64 = 9;
 /// A stream of messages that is recorded.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct McapChannel {
-    /// Its topic.
+    /// The topic of the stream.
     pub topic: String,
     /// How its messages are encoded, as `protobuf`, `json`.
     pub encoding: String,
