@@ -13,7 +13,7 @@ use super::{Calibration, CalibrationError, Trial};
 
 /// How often trials are drawn anew, unless told otherwise.
 pub const RESAMPLES: usize = 4000;
-/// Of fewer trials of a phase an interval would mean nothing.
+/// The least number of trials of a phase for an interval: of fewer it would mean nothing.
 pub const TRIALS_MIN: usize = 8;
 
 /// 1.96: between ± this lie 95 % of a normal distribution.
@@ -22,9 +22,9 @@ const Z_95: f64 = 1.959_963_984_540_054;
 /// 95 % confidence intervals of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bootstrap {
-    /// Lower ends.
+    /// The lower ends of the intervals.
     pub low: Calibration,
-    /// Upper ends.
+    /// The upper ends of the intervals.
     pub high: Calibration,
 }
 

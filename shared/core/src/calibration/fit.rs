@@ -9,19 +9,19 @@ use crate::config::OdometryConfig;
 pub struct Calibration {
     /// a_l, metres of error per metre measured.
     pub lin_scale: f64,
-    /// σ, metres.
+    /// σ, the systematic linear error besides (eq 1), metres.
     pub lin_offset_m: f64,
     /// a_θ, radians of error per radian measured.
     pub ang_scale: f64,
-    /// α, radians.
+    /// α, the systematic angular error besides (eq 2), radians.
     pub ang_offset_rad: f64,
-    /// κ_ll, m²/m.
+    /// κ_ll, variance of the linear error per metre measured (eq 3), m²/m.
     pub k_ll: f64,
-    /// κ_lθ, m²/rad.
+    /// κ_lθ, variance of the linear error per radian measured (eq 3), m²/rad.
     pub k_lt: f64,
-    /// κ_θθ, rad²/rad.
+    /// κ_θθ, variance of the angular error per radian measured (eq 4), rad²/rad.
     pub k_tt: f64,
-    /// κ_θl, rad²/m.
+    /// κ_θl, variance of the angular error per metre measured (eq 4), rad²/m.
     pub k_tl: f64,
 }
 

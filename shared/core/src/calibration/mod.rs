@@ -44,13 +44,13 @@ pub struct Trial {
 }
 
 impl Trial {
-    /// Of Δl, metres.
+    /// The error of Δl, measured less true, metres.
     #[must_use]
     pub fn lin_error_m(&self) -> f64 {
         self.measured_m - self.true_m
     }
 
-    /// Of Δθ, radians.
+    /// The error of Δθ, measured less true, radians.
     #[must_use]
     pub fn ang_error_rad(&self) -> f64 {
         self.measured_rad - self.true_rad

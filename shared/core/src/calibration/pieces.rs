@@ -14,19 +14,19 @@ use crate::pose::Pose2;
 pub struct Limits {
     /// A translation is at least so long, metres.
     pub straight_min_m: f64,
-    /// And no longer: then the next begins.
+    /// A translation is at most so long, metres: then the next begins.
     pub straight_max_m: f64,
     /// Meanwhile the robot's heading stays within a range of less than this, radians.
     pub straight_turn_rad: f64,
     /// A rotation is at least so far, radians.
     pub turn_min_rad: f64,
-    /// And no farther.
+    /// A rotation is at most so far, radians: then the next begins.
     pub turn_max_rad: f64,
     /// Meanwhile the robot stays within a range of less than this along its way, metres.
     pub turn_travel_m: f64,
     /// Farther than this from one pose to the next, or while the truth is not known, and the drive is cut there, metres.
     pub jump_m: f64,
-    /// The same of turning, radians; well below π, beyond which nobody can tell which way it went.
+    /// Where it turns more than this from one pose to the next the drive is cut, radians; well below π, beyond which nobody can tell the way.
     pub jump_rad: f64,
 }
 
@@ -73,7 +73,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// Nothing yet.
+    /// A drive of which nothing is known yet.
     #[must_use]
     pub fn new(limits: Limits) -> Self {
         Self {

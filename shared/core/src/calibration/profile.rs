@@ -8,12 +8,12 @@ use rand_chacha::rand_core::SeedableRng;
 
 use super::bootstrap::below;
 
-/// Of each value, rising, the log-likelihood of each block.
+/// The log-likelihoods of the blocks of the data at each value of a parameter, in rising order of the values.
 #[derive(Debug, Clone)]
 pub struct Profile<'a> {
     /// The values, in their order, each above 0.
     pub values: &'a [f64],
-    /// Of each of them, of the same blocks, nat.
+    /// The log-likelihood of each block at each of the values, nat; the blocks are the same at all of them.
     pub blocks: &'a [&'a [f64]],
 }
 

@@ -154,7 +154,7 @@ pub struct MapperConfig {
     pub echo_prior: f64,
     /// r0 of first_echo: how probably an occupied cell on the axis answers.
     pub echo_detection: f64,
-    /// Of first_echo: how probably an echo is nobody's (multipath, crosstalk).
+    /// How probably an echo is nobody's (multipath, crosstalk), by the rule first_echo.
     pub echo_clutter: f64,
     /// m: how probably an echo is lost.
     pub echo_lost: f64,
@@ -166,22 +166,22 @@ pub struct MapperConfig {
     pub oriented_diffuse: f64,
     /// α_c of oriented: up to so far from its normal a smooth wall answers, degrees.
     pub oriented_incidence_deg: f64,
-    /// Of oriented: how probably an echo is nobody's (multipath, crosstalk).
+    /// How probably an echo is nobody's (multipath, crosstalk), by the rule oriented.
     pub oriented_clutter: f64,
-    /// Of oriented: how probably an echo is lost.
+    /// How probably an echo is lost, by the rule oriented.
     pub oriented_lost: f64,
-    /// Of oriented: to where no echo clears, metres.
+    /// The range up to which no echo clears by the rule oriented, metres.
     pub oriented_clear_m: f64,
     /// τ of oriented: gains are multiplied by (σ_z0/σ_z)^τ, as successive readings share the error of the pose.
     pub oriented_tempering: f64,
     /// n of oriented: looks along which a wall answers with probability r leave 1 − (n r)² of its weight, however many they are; 0: they
     /// may take all of it.
     pub oriented_looks: f64,
-    /// Of oriented: the side of a place, metres: from the third visit on, what is heard there in the same direction says little that is
-    /// new; 0: off ([`crate::novelty`] holds for every rule).
+    /// The side of a place, metres (rule oriented): from the third visit on, what is heard there in the same direction says little
+    /// that is new; 0: off ([`crate::novelty`] holds for every rule).
     pub oriented_place_m: f64,
-    /// Of oriented: how far walls go on in the mean, metres, by which the map shows what is known along them; 0: cells are shown as they
-    /// are.
+    /// How far walls go on in the mean, metres (rule oriented), by which the map shows what is known along them; 0: cells are shown
+    /// as they are.
     pub oriented_wall_m: f64,
     /// τ of first_echo, as that of oriented.
     pub tempering: f64,

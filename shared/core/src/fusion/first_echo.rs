@@ -25,15 +25,15 @@ pub const BEHIND: f64 = 3.0;
 pub struct FirstEcho {
     /// z, metres; none: nothing came back.
     pub range_m: Option<f64>,
-    /// σ_z, metres.
+    /// σ_z, the standard deviation of the range, metres.
     pub sigma_z_m: f64,
-    /// σ_θ, radians.
+    /// σ_θ, the standard deviation of the bearing, radians.
     pub sigma_theta_rad: f64,
     /// r0: how probably an occupied cell on the axis answers, in (0, 1).
     pub detection: f64,
     /// How probably an echo is nobody's, in (0, 1); spread evenly over r_cap.
     pub clutter: f64,
-    /// r_cap, metres.
+    /// r_cap, the farthest range of the sensor, metres.
     pub range_cap_m: f64,
     /// m: how probably an echo is lost, in (0, 1).
     pub lost: f64,
@@ -42,7 +42,7 @@ pub struct FirstEcho {
 /// A cell of a cone, as the transducer sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SeenCell {
-    /// d, metres.
+    /// d, the distance from the transducer, metres.
     pub distance_m: f64,
     /// φ, radians off the axis.
     pub bearing_rad: f64,

@@ -39,7 +39,7 @@ pub struct Response {
 }
 
 impl Response {
-    /// Of walls that answer up to α_c = `critical_rad` from their normal, which has one of so many directions.
+    /// The response of walls that answer up to α_c = `critical_rad` from their normal, which has one of so many directions.
     #[must_use]
     pub fn new(critical_rad: f64, directions: usize) -> Self {
         Self { critical_rad, directions }
@@ -88,11 +88,11 @@ pub fn left_by_looks(r: f64, looks: f64) -> f64 {
 pub struct Oriented {
     /// z, metres; none: nothing came back.
     pub range_m: Option<f64>,
-    /// σ_z, metres.
+    /// σ_z, the standard deviation of the range, metres.
     pub sigma_z_m: f64,
     /// How probably an echo is nobody's, in (0, 1); spread evenly over r_cap.
     pub clutter: f64,
-    /// r_cap, metres.
+    /// r_cap, the farthest range of the sensor, metres.
     pub range_cap_m: f64,
     /// m: how probably an echo is lost, in (0, 1).
     pub lost: f64,
@@ -101,7 +101,7 @@ pub struct Oriented {
 /// A cell of a cone, as the transducer sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FacedCell<'a> {
-    /// d, metres.
+    /// d, the distance from the transducer, metres.
     pub distance_m: f64,
     /// v_s: of each state, relative to free.
     pub log_weights: &'a [f64],

@@ -113,7 +113,7 @@ impl Shares {
         &self.codes[..CODES]
     }
 
-    /// Of as many codes as [`Shares::codes`] has; none if they are more or fewer.
+    /// The states of a tile from as many codes as [`Shares::codes`] has; none if they are more or fewer.
     #[must_use]
     pub fn of_codes(codes: &[u16]) -> Option<Self> {
         let mut shares = Self::default();
@@ -121,7 +121,7 @@ impl Shares {
         Some(shares)
     }
 
-    /// Of each cell of the tile how much more or less probable this state is than before any reading, relative to free.
+    /// How much more or less probable this state of each cell is than before any reading, relative to free, row by row.
     #[must_use]
     pub fn state(&self, state: usize) -> Box<[f32; TILE_CELLS]> {
         let mut values = Box::new([0.0; TILE_CELLS]);
@@ -131,7 +131,7 @@ impl Shares {
         values
     }
 
-    /// Likewise, as [`Shares::state`] told it: every such number has a code.
+    /// Sets this state of each cell to what [`Shares::state`] told: every such number has a code.
     pub fn set_state(&mut self, state: usize, values: &[f32; TILE_CELLS]) {
         for (offset, value) in values.iter().enumerate() {
             self.codes[Self::place(offset, state)] = coded(*value, 0);

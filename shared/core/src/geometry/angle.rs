@@ -2,7 +2,7 @@
 
 use core::f64::consts::{PI, TAU};
 
-/// The same angle in (-π, π]. Non-finite input stays non-finite.
+/// Wraps an angle to (-π, π]. Non-finite input stays non-finite.
 #[must_use]
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     if angle_rad > -PI && angle_rad <= PI {

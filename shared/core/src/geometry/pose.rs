@@ -13,11 +13,11 @@ pub const POSITION_MAX_M: f64 = 3e7;
 /// seen from the base into the map. Names make frames cancel: `map_from_odom * odom_from_base`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Pose2 {
-    /// Metres.
+    /// The position along x, metres.
     pub x: f64,
-    /// Metres.
+    /// The position along y, metres.
     pub y: f64,
-    /// Radians, counter-clockwise, in (-π, π].
+    /// The heading, radians, counter-clockwise, in (-π, π].
     pub theta: f64,
 }
 

@@ -34,18 +34,18 @@ pub const UNKNOWN: f32 = f32::NAN;
 /// the map frame; its centre is at ((i + ½) res, (j + ½) res).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellIndex {
-    /// Along x.
+    /// The column: the number of the cell along x.
     pub i: i32,
-    /// Along y.
+    /// The row: the number of the cell along y.
     pub j: i32,
 }
 
 /// A tile: covers the cells i in [64 x, 64 x + 63], j in [64 y, 64 y + 63]. Ordered by row (y), then x.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct TileIndex {
-    /// Along x.
+    /// The number of the tile along x.
     pub x: i32,
-    /// Along y.
+    /// The number of the tile along y.
     pub y: i32,
 }
 
@@ -62,7 +62,7 @@ impl PartialOrd for TileIndex {
 }
 
 impl TileIndex {
-    /// Its cell of lowest column and row. (Of a tile beyond what cells can number: the nearest that there is.)
+    /// The cell of lowest column and row. (Of a tile beyond what cells can number: the nearest that there is.)
     #[must_use]
     pub fn first_cell(self) -> CellIndex {
         CellIndex { i: self.x.saturating_mul(TILE_SIDE as i32), j: self.y.saturating_mul(TILE_SIDE as i32) }
@@ -76,7 +76,7 @@ impl CellIndex {
         TileIndex { x: self.i.div_euclid(TILE_SIDE as i32), y: self.j.div_euclid(TILE_SIDE as i32) }
     }
 
-    /// Its place within the tile, row by row (row 0 at the lowest y).
+    /// The place of the cell within its tile, row by row (row 0 at the lowest y).
     #[must_use]
     pub fn offset_in_tile(self) -> usize {
         let column = self.i.rem_euclid(TILE_SIDE as i32) as usize;
@@ -142,7 +142,7 @@ impl Grid {
         self.tiles.iter().map(|(index, slot)| (*index, &slot.tile))
     }
 
-    /// One tile.
+    /// The tile at this place, if it holds anything.
     #[must_use]
     pub fn tile(&self, index: TileIndex) -> Option<&Tile> {
         self.tiles.get(&index).map(|slot| &slot.tile)

@@ -41,7 +41,7 @@ impl Raster {
         }
     }
 
-    /// As [`Raster::of`], if the rectangle has at most `limit` cells.
+    /// The raster of a grid as [`Raster::of`] makes it, if the rectangle has at most `limit` cells.
     ///
     /// # Errors
     /// When it has more.

@@ -11,11 +11,11 @@ use crate::log_odds::{FREE_BELOW, OCCUPIED_ABOVE, entropy_bits, log_odds_of};
 pub struct GridSummary {
     /// Cells that a reading touched: `occupied + free + undecided`.
     pub known: u64,
-    /// Of these, how many are occupied (p > 0.65).
+    /// How many of the known cells are occupied (p > 0.65).
     pub occupied: u64,
-    /// How many are free (p < 0.35).
+    /// How many of the known cells are free (p < 0.35).
     pub free: u64,
-    /// How many are neither.
+    /// How many of the known cells are neither.
     pub undecided: u64,
     /// Sum of the entropies of the known cells, bits.
     pub entropy_bits: f64,

@@ -10,7 +10,7 @@ use crate::pose::Pose2;
 /// Where the robot is believed to be, and how far to believe it.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub struct Estimate {
-    /// `map_from_base`.
+    /// The pose `map_from_base`.
     pub pose: Pose2,
     /// Covariance of (x, y, θ) in the map frame and of `scales`; m, rad, 1. A systematic error that is carried is in it, as
     /// two unknown scales that are the same all the way.

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Events of one kind.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Incidents {
-    /// How many.
+    /// The number of the events.
     pub count: u32,
     /// Stamp of the first, nanoseconds; 0 where there was none.
     pub first_ns: u64,
@@ -16,7 +16,7 @@ pub struct Incidents {
 }
 
 impl Incidents {
-    /// One more.
+    /// Counts one more event.
     pub fn add(&mut self, stamp_ns: u64, distance_m: f64, angle_rad: f64) {
         if self.count == 0 {
             self.first_ns = stamp_ns;

@@ -20,9 +20,9 @@ const SCALE_MAX: f64 = 0.5;
 /// What the drive is believed to measure too much, as a share of what it measures: 0.03 where 1 m is 0.97 m in truth.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Scales {
-    /// Of translation.
+    /// The scale of translation: what is measured too much, as a share of what is measured.
     pub lin: f64,
-    /// Of rotation.
+    /// The scale of rotation: what is measured too much, as a share of what is measured.
     pub ang: f64,
 }
 

@@ -38,7 +38,7 @@ const QUANTILE: f64 = 0.95;
 /// A pose of the drive, and how fast it says to be.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct DrivePose {
-    /// Nanoseconds.
+    /// The stamp of the pose, nanoseconds.
     pub stamp_ns: u64,
     /// The robot in the frame of its odometry.
     pub odom_from_base: Pose2,
@@ -51,9 +51,9 @@ pub struct DrivePose {
 /// A step that was not driven.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Leap {
-    /// Its length, metres.
+    /// The length of the leap, metres.
     pub length_m: f64,
-    /// Its turn, radians, 0 or more.
+    /// The turn of the leap, radians, 0 or more.
     pub turn_rad: f64,
     /// What the robot did meanwhile if it went on as before; seen from it.
     pub expected: Increment,

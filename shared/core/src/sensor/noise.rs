@@ -12,9 +12,9 @@ use crate::odometry::OdometryErrors;
 /// What is added to the systematic errors in eqs 22, 23.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct NoiseTerms {
-    /// n_lin, metres.
+    /// n_lin, what is added to the linear error, metres.
     pub lin_m: f64,
-    /// n_ang, radians.
+    /// n_ang, what is added to the angular error, radians.
     pub ang_rad: f64,
 }
 

@@ -14,7 +14,7 @@ pub struct NominalSensor {
 }
 
 impl NominalSensor {
-    /// Of a robot; of one without sensors it is the paper's sonar.
+    /// The nominal sensor of a robot; of one without sensors it is the paper's sonar.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let widest = robot.sensors.iter().max_by(|a, b| a.aperture_rad.total_cmp(&b.aperture_rad));

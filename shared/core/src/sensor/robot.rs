@@ -55,7 +55,7 @@ pub struct Footprint {
 /// What the other processes need to know of a robot.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Robot {
-    /// Its name, for people.
+    /// The name of the robot, for people.
     pub name: String,
     /// Zero where unknown.
     pub footprint: Footprint,
@@ -68,15 +68,15 @@ pub struct Robot {
 pub struct Transducer {
     /// Sonar or lidar.
     pub kind: SensorKind,
-    /// Its frame (x along the beam) seen from the robot's base.
+    /// The frame of the transducer (x along the beam) seen from the robot's base.
     pub base_from_transducer: Pose2,
     /// Full aperture β, radians.
     pub aperture_rad: f64,
     /// Nearest measurable range, metres.
     pub range_min_m: f64,
-    /// r_cap, metres.
+    /// Farthest measurable range (r_cap), metres.
     pub range_max_m: f64,
-    /// η.
+    /// η, the range error as a share of the range.
     pub range_error_ratio: f64,
     /// Whether it is a beam of a lidar that leaves gaps to its neighbours: it is narrower than the step from one to the next.
     pub leaves_gaps: bool,
@@ -89,9 +89,9 @@ pub struct Transducer {
 pub struct Fan {
     /// Beam 0 seen from the robot's base.
     pub base_from_first: Pose2,
-    /// Radians, positive counter-clockwise.
+    /// The angle from one beam to the next, radians, positive counter-clockwise.
     pub step_rad: f64,
-    /// Its number.
+    /// The number of the beam, from 0.
     pub beam: u16,
 }
 

@@ -44,8 +44,9 @@ impl Deviations {
         Self { sigma_z_m, sigma_theta_rad, trust }
     }
 
-    /// The same from the covariance of the transducer's pose (x, y, θ; m², m rad, rad²) instead of eqs 22, 23, for a reading
-    /// along `bearing_rad` in the map: u along the beam, v across it,
+    /// The deviations from the covariance of the transducer's pose (x, y, θ; m², m rad, rad²) instead of eqs 22, 23.
+    ///
+    /// Of a reading along `bearing_rad` in the map: u along the beam, v across it,
     /// σ_z² = σ_z0² + uᵀ C_xy u, σ_θ² = σ_θ0² + C_θθ + vᵀ C_xy v / z² + 2 vᵀ C_xyθ / z.
     #[must_use]
     pub fn of_covariance(

@@ -55,7 +55,7 @@ impl Verdict {
         Self::MultipleReflection,
     ];
 
-    /// Its code on the wire and in files.
+    /// The code of the verdict on the wire and in files.
     #[must_use]
     pub fn code(self) -> u8 {
         self as u8
@@ -67,7 +67,7 @@ impl Verdict {
         Self::ALL.get(usize::from(code)).copied()
     }
 
-    /// Its name in files and messages.
+    /// The name of the verdict in files and messages.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {

@@ -22,7 +22,7 @@ pub struct Chunks {
 }
 
 impl Chunks {
-    /// Of a list of which nothing is saved; with so many entries to a chunk.
+    /// The chunks of a list of which nothing is saved, with so many entries to a chunk.
     #[must_use]
     pub fn new(size: u64) -> Self {
         Self { size: size.max(1), first: 0, end: 0, replaced: BTreeSet::new() }

@@ -58,7 +58,7 @@ pub struct Saved {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("saved state: {part}: {problem}")]
 pub struct SavedError {
-    /// Which part.
+    /// The part that is wrong.
     pub part: String,
     /// What is wrong with it.
     pub problem: String,

@@ -61,7 +61,7 @@ struct Near {
 }
 
 impl Vicinity {
-    /// Of a place: what is within `reach_m` of it.
+    /// The vicinity of a place: what is within `reach_m` of it.
     #[must_use]
     pub fn of(world: &World, centre: [f64; 2], reach_m: f64) -> Self {
         let listed = world.listed_near(centre, reach_m + ROUNDING_M);

@@ -55,7 +55,7 @@ pub struct Places {
 /// A place to go to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Goal {
-    /// Its name.
+    /// The name of the place.
     pub name: String,
     /// Where it is.
     pub pose: Pose2,
@@ -101,7 +101,7 @@ pub struct RayHit {
 pub struct Meeting {
     /// From the origin, metres.
     pub distance_m: f64,
-    /// Of length 1, on the side of the surface that the ray comes from. A point is round.
+    /// The normal, of length 1, on the side of the surface that the ray comes from. A point is round.
     pub normal: [f64; 2],
 }
 
@@ -141,7 +141,7 @@ impl World {
         Ok(Self { parts, surfaces, buckets })
     }
 
-    /// The same world in another frame.
+    /// The world as it is in another frame.
     ///
     /// # Errors
     /// A coordinate would be one that no building has.
@@ -213,7 +213,7 @@ impl World {
         length == 0.0 || self.cast_along(from, [along[0] / length, along[1] / length], length).is_none()
     }
 
-    /// As [`World::cast`], for a direction of length 1, with the normal of what is met instead of an angle.
+    /// Follows a ray as [`World::cast`] does, along a direction of length 1, with the normal of what is met instead of an angle.
     #[must_use]
     pub fn meet(&self, origin: [f64; 2], direction: [f64; 2], max_m: f64) -> Option<Meeting> {
         self.meeting(origin, direction, self.nearest(origin, direction, max_m)?)

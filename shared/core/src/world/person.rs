@@ -9,7 +9,7 @@ pub struct Person {
     pub path: Vec<[f64; 2]>,
     /// How fast, m/s.
     pub speed_mps: f64,
-    /// Of the disc that stands for the person, metres.
+    /// The radius of the disc that stands for the person, metres.
     pub radius_m: f64,
 }
 

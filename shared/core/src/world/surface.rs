@@ -3,9 +3,9 @@
 /// A straight line between two points, metres in the map frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// One end.
+    /// One end of the line, metres.
     pub from: [f64; 2],
-    /// The other.
+    /// The other end of the line, metres.
     pub to: [f64; 2],
 }
 
