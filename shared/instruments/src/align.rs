@@ -21,7 +21,7 @@ pub enum Align {
 }
 
 impl Align {
-    /// For people.
+    /// The way of aligning in words, for people.
     pub fn words(self) -> &'static str {
         match self {
             Self::Start => "aligned by the start",
@@ -34,7 +34,7 @@ impl Align {
 /// How a map was laid on the world.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct Alignment {
-    /// By what.
+    /// The way in which it was laid there.
     pub by: Align,
     /// How far the world's origin lies from the map's, metres.
     pub moved_m: f64,

@@ -20,7 +20,7 @@ pub fn run(config: &Config, publisher: &mut dyn Service) -> Result<()> {
     run_through(config, &mut MapperService::new(&config.mapper, &config.resolved_odometry())?, publisher)
 }
 
-/// Likewise, through a mapper that can be asked afterwards.
+/// Plays the sensor as [`run`] does, through a mapper that can be asked afterwards.
 ///
 /// # Errors
 /// As [`run`].

@@ -28,9 +28,9 @@ const CALIBRATION_CLASSES: usize = 10;
 pub struct Quality {
     /// Balanced cross-entropy per cell, bits: the mean of the next two.
     pub bits: f64,
-    /// Of the cells of walls; each is judged by the highest probability of the 3 × 3 cells around it.
+    /// The score of the cells of walls, bits; each is judged by the highest probability of the 3 × 3 cells around it.
     pub bits_occupied: f64,
-    /// Of the free cells.
+    /// The score of the free cells, bits.
     pub bits_free: f64,
     /// How far off the probabilities are, 0 to 1: over ten classes of probability, the mean difference between what the
     /// map said and how many of the class are walls. Unknown cells say nothing; 0 if none is known.

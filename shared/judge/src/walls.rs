@@ -32,7 +32,7 @@ const FITS_MAX: usize = 20;
 pub struct Wall {
     /// One end, metres in the map.
     pub from: [f64; 2],
-    /// The other.
+    /// The other end of the wall, metres in the map.
     pub to: [f64; 2],
     /// Way between the ends along which there are occupied cells, metres.
     pub covered_m: f64,
@@ -43,7 +43,7 @@ pub struct Wall {
 }
 
 impl Wall {
-    /// Metres.
+    /// The length of the wall, metres.
     #[must_use]
     pub fn length_m(&self) -> f64 {
         let [dx, dy] = [self.to[0] - self.from[0], self.to[1] - self.from[1]];
@@ -136,7 +136,7 @@ impl Walls {
         self.near as f64 / self.occupied.max(1) as f64
     }
 
-    /// The same of those that lie beside a wall: of the corridor, however much else there is.
+    /// Share near a wall of those occupied cells that lie beside one: of the corridor, however much else there is.
     #[must_use]
     pub fn share_beside(&self) -> f64 {
         self.near as f64 / self.beside.max(1) as f64

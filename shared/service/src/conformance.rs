@@ -55,9 +55,9 @@ const OFFSET_MAX_NS: i32 = 1_000_000_000;
 pub struct Given {
     /// Messages in all.
     pub messages: u64,
-    /// Odometry poses.
+    /// The number of odometry poses.
     pub odometry: u64,
-    /// Scans.
+    /// The number of scans.
     pub scans: u64,
     /// Readings in all scans.
     pub readings: u64,

@@ -2,7 +2,7 @@
 //!
 //! Without the feature `mutants` none can be, and the switches are constants.
 
-/// A fault.
+/// A fault that was mended and can be put back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mutant {
     /// The end of a relayed stream is said to, and heard by, whoever was not told all before.

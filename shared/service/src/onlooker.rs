@@ -105,7 +105,7 @@ impl Onlooker {
         self.take_in_numbered(|_, stamp_ns, message| take(stamp_ns, message))
     }
 
-    /// As [`Onlooker::take_in`]; each message with its number before its stamp.
+    /// Takes in what has come, as [`Onlooker::take_in`] does; each message with its number before its stamp.
     ///
     /// # Errors
     /// Shared memory refuses.

@@ -9,7 +9,7 @@ use nix::sys::signalfd::{SfdFlags, SignalFd, siginfo};
 /// A signal that came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Caught {
-    /// Which.
+    /// The signal that came.
     pub signal: Signal,
     /// The process that sent it; 0: the kernel, or a process of another container.
     pub sender: u32,

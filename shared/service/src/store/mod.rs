@@ -38,7 +38,7 @@ pub struct Read {
     pub topic: u32,
     /// Last sequence taken in.
     pub sequence: u64,
-    /// Its stamp, nanoseconds.
+    /// The stamp of the last message taken in, nanoseconds.
     pub stamp_ns: u64,
     /// Messages lost on the way.
     pub lost: u64,
@@ -61,7 +61,7 @@ pub struct Moment {
     pub stamp_ns: u64,
     /// Stamp of the first message of a stream.
     pub first_stamp_ns: Option<u64>,
-    /// Messages refused.
+    /// The number of messages refused.
     pub faults: u64,
     /// Numbers of the latest orders that had been carried out.
     pub orders: Vec<u64>,
@@ -103,9 +103,9 @@ pub struct Entry {
 pub struct Spooled {
     /// Code of its topic.
     pub topic: u32,
-    /// Its number there.
+    /// The sequence number of the message in its topic.
     pub sequence: u64,
-    /// Its stamp, nanoseconds.
+    /// The stamp of the message, nanoseconds.
     pub stamp_ns: u64,
     /// What it says.
     pub message: Measured,
@@ -125,7 +125,7 @@ pub enum Measured {
 }
 
 impl Measured {
-    /// None of what no robot can measure.
+    /// What a sensor says by this message; none where no robot can measure what it says.
     #[must_use]
     pub fn of(message: &Message) -> Option<Self> {
         Some(match message {
@@ -284,7 +284,7 @@ impl Store {
         Ok(was_begun)
     }
 
-    /// Its file.
+    /// The file that the store is in.
     #[must_use]
     pub fn file(&self) -> &Path {
         &self.file

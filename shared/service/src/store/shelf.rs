@@ -20,10 +20,10 @@ pub enum Table {
 }
 
 impl Table {
-    /// Every table.
+    /// Every table of the shelf.
     pub const ALL: [Self; 6] = [Self::Run, Self::Snapshots, Self::Journal, Self::Parts, Self::Spool, Self::Trimmed];
 
-    /// Its name on the shelf.
+    /// The name of the table on the shelf.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -40,11 +40,11 @@ impl Table {
 /// A value that is put, or removed.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Change {
-    /// Where.
+    /// The table that is changed.
     pub table: Table,
-    /// Under what.
+    /// The key of the value in the table.
     pub key: Vec<u8>,
-    /// What; none: it is gone.
+    /// The value that is put; none: it is removed.
     pub value: Option<Vec<u8>>,
 }
 
