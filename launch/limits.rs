@@ -2,7 +2,7 @@
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-/// As many as one process of a graph of so many services can need. Measured: 180 in the mapper of five.
+/// The most files that one process of a graph of so many services can need. Measured: 180 in the mapper of five.
 #[must_use]
 pub fn files_needed(services: u64) -> u64 {
     192 + 32 * services

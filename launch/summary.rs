@@ -40,7 +40,7 @@ pub struct Summary {
     pub distance_m: f64,
     /// Trust in a nominal reading at the end.
     pub trust: f64,
-    /// Absolute localizations.
+    /// The number of absolute localizations.
     pub fixes: u32,
     /// Absolute localizations that were too far off to be believed.
     pub fixes_refused: u32,
@@ -61,11 +61,11 @@ pub struct Summary {
     pub resolution_m: f64,
     /// Width and height of what is known, metres.
     pub extent_m: [f64; 2],
-    /// Of the drive, by the sensor's clock, seconds; none if no stream had a message.
+    /// How long the drive was by the sensor's clock, seconds; none if no stream had a message.
     pub recorded_s: Option<f64>,
-    /// From all services ready to all gone, seconds.
+    /// How long it took from all services ready to all gone, seconds.
     pub elapsed_s: f64,
-    /// From the first process to all services ready, seconds.
+    /// How long it took from the first process to all services ready, seconds.
     pub startup_s: f64,
     /// Messages that broke their contract, over all services.
     pub faulty_messages: u64,
@@ -97,7 +97,7 @@ pub struct Recording {
 /// What went wrong so often.
 #[derive(Debug, Serialize)]
 pub struct Incident {
-    /// How many.
+    /// The number of times that it went wrong.
     pub count: u32,
     /// The first, seconds since the start; since 1970 or whatever the sensor's clock counts from where that is not known.
     pub first_s: f64,
@@ -132,7 +132,7 @@ impl Incident {
 pub struct Refused {
     /// The reason, as a key.
     pub reason: &'static str,
-    /// How many.
+    /// The number of readings refused.
     pub readings: u64,
 }
 
@@ -148,8 +148,7 @@ pub struct Cells {
 }
 
 impl Summary {
-    /// Of a run over a recording that begins at `first_ns` (none: as the services say), with cells
-    /// of `resolution_m`.
+    /// The summary of a run over a recording that begins at `first_ns` (none: as the services say), with cells of `resolution_m`.
     #[must_use]
     pub fn of(outcome: &Outcome, source: String, first_ns: Option<u64>, resolution_m: f64) -> Self {
         let last_ns = outcome.health.values().map(|health| health.stamp_ns).max().unwrap_or(0);

@@ -71,7 +71,7 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// As a request to the configuration.
+    /// The settings as a request to the configuration.
     #[must_use]
     pub fn request(self) -> LoadRequest {
         LoadRequest {

@@ -13,9 +13,9 @@ use crate::config::{Service, SupervisionConfig};
 /// What is to be run.
 #[derive(Debug)]
 pub struct Graph<'a> {
-    /// Where.
+    /// The domain of the graph.
     pub domain: Domain,
-    /// The processes.
+    /// The services of the graph, by name.
     pub services: &'a BTreeMap<String, Service>,
     /// The topics that they have besides echogrid's own, by name.
     pub topics: &'a BTreeMap<String, DeclaredTopic>,

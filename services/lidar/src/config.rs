@@ -58,7 +58,7 @@ impl Model {
     }
 }
 
-/// `[lidar]`.
+/// The `[lidar]` section: which lidar, and where it is.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LidarConfig {

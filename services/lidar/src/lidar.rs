@@ -21,7 +21,7 @@ const OPENED_AGAIN: Duration = Duration::from_millis(300);
 /// What has come is read in pieces of at most so many bytes.
 const PIECE_BYTES: usize = 1024;
 
-/// A lidar.
+/// A lidar over a serial line, as a sensor.
 #[derive(Debug)]
 pub struct Lidar {
     config: LidarConfig,

@@ -23,7 +23,7 @@ pub struct Turns {
 }
 
 impl Turns {
-    /// Of a lidar as the robot has it: bearings, and how far it sees.
+    /// The turns of a lidar as the robot has it: bearings, and how far it sees.
     #[must_use]
     pub fn new(sensor: Sensor) -> Self {
         let beams = vec![None; usize::from(sensor.transducers)];

@@ -26,9 +26,9 @@ const LEAVES_WITHIN_MS: u16 = 2000;
 /// Who binds a program to this process before becoming it: this crate's `main`, wherever it is.
 #[derive(Debug, Clone)]
 pub struct Binder {
-    /// The executable.
+    /// The executable that binds.
     pub program: PathBuf,
-    /// Its arguments before those of this crate's `main`.
+    /// The arguments of the executable before those of this crate's `main`.
     pub arguments: &'static [&'static str],
 }
 
@@ -103,7 +103,7 @@ impl Program {
         }
     }
 
-    /// Its process.
+    /// The number of the program's process.
     #[must_use]
     pub fn pid(&self) -> u32 {
         self.child.id()

@@ -50,7 +50,7 @@ pub struct Levels {
 }
 
 impl Levels {
-    /// Of the level of each cell; none: unknown.
+    /// The cells of a tile from the level of each; none: unknown.
     pub fn of(level: impl Fn(usize) -> Option<u8>) -> Self {
         let mut tile = Self { known: [0; CELLS / 8], levels: [0; CELLS] };
         for cell in 0..CELLS {
@@ -98,9 +98,9 @@ pub(crate) fn trail(generation: u32, start: usize, points: &[TrailPoint]) -> Vec
 /// A reading as it is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Beam {
-    /// Where the transducer was, metres, map frame.
+    /// The x of the transducer, metres, map frame.
     pub x: f32,
-    /// Likewise.
+    /// The y of the transducer, metres, map frame.
     pub y: f32,
     /// Where it looked, radians, map frame.
     pub angle_rad: f32,
@@ -108,7 +108,7 @@ pub struct Beam {
     pub range_m: f32,
     /// The full angle of its cone; 0: a ray.
     pub aperture_rad: f32,
-    /// Which transducer.
+    /// The number of the transducer.
     pub transducer: u16,
     /// What became of it (`echogrid_core::Verdict`).
     pub verdict: u8,
@@ -181,7 +181,7 @@ pub enum Told<'a> {
 }
 
 impl Told<'_> {
-    /// As it travels.
+    /// The message as it travels, JSON.
     #[must_use]
     pub fn text(&self) -> String {
         // Values and plain fields: nothing in it can fail.
@@ -200,7 +200,7 @@ pub struct LogLine {
     pub service: String,
     /// `info`, `warn` or `error`.
     pub level: &'static str,
-    /// What.
+    /// What the service says.
     pub text: String,
 }
 

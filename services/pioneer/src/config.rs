@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Address;
 
-/// `[pioneer]`.
+/// The `[pioneer]` section: where the robot is, and what it may do.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PioneerConfig {

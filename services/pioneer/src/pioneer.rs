@@ -27,7 +27,7 @@ const ARRIVALS_MAX: usize = 256;
 /// Between two commands to drive that say the same.
 const COMMANDED_EVERY: Duration = Duration::from_millis(200);
 
-/// A Pioneer.
+/// A Pioneer over a line, as a sensor.
 #[derive(Debug)]
 pub struct Pioneer {
     config: PioneerConfig,

@@ -32,8 +32,9 @@ pub struct Reports {
 }
 
 impl Reports {
-    /// Of a robot whose counts mean what the parameters say. Its sonars are the transducers of `robot`, in the order of the
-    /// parameters' sonars, or of their numbers.
+    /// The reports of a robot whose counts mean what the parameters say.
+    ///
+    /// The robot's sonars are the transducers of `robot`, in the order of the parameters' sonars, or of their numbers.
     #[must_use]
     pub fn new(parameters: Parameters, robot: Robot) -> Self {
         let sonars = parameters.sonars.iter().enumerate();

@@ -67,7 +67,7 @@ enum State {
     Running,
 }
 
-/// A conversation.
+/// A conversation with a robot, from the first step of synchronisation on.
 #[derive(Debug)]
 pub struct Session {
     settings: SessionSettings,
@@ -101,7 +101,7 @@ pub enum Out {
 }
 
 impl Session {
-    /// Before [`Session::begin`].
+    /// A conversation before [`Session::begin`].
     #[must_use]
     pub fn new(settings: SessionSettings) -> Self {
         Self {

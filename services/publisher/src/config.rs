@@ -7,7 +7,7 @@ use echogrid_formats::map::map_server::{MapMode, Thresholds};
 use echogrid_formats::map::{MapFileOptions, MapFormat};
 use serde::{Deserialize, Serialize};
 
-/// `[publisher]`.
+/// The `[publisher]` section: which files are written, and how.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct PublisherConfig {

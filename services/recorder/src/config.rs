@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// The recording's name where none is given.
 pub const FILE: &str = "recording.mcap";
 
-/// `[recorder]`.
+/// The `[recorder]` section: what is recorded, and where.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RecorderConfig {

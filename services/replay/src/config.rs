@@ -6,7 +6,7 @@ use echogrid_formats::log::{RangeUnit, SurveyOptions};
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// `[replay]`.
+/// The `[replay]` section: which log is played, and what it does not say itself.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ReplayConfig {

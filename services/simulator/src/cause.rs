@@ -58,11 +58,11 @@ impl Cause {
 /// A reading, and the truth about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Heard {
-    /// Which transducer.
+    /// The number of the transducer.
     pub transducer: u16,
     /// What it says.
     pub echo: Echo,
-    /// Why.
+    /// Why the reading says so.
     pub cause: Cause,
     /// What the axis of its cone meets first, were it light: how far, metres; none: nothing within its range.
     pub ahead_m: Option<f64>,

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::Fault;
 
-/// `[simulator]`.
+/// The `[simulator]` section: which robot drives where, and what its sensors are like.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SimulatorConfig {
@@ -33,7 +33,7 @@ pub struct SimulatorConfig {
     pub accel_mps2: f64,
     /// How fast it gets slower, m/s².
     pub decel_mps2: f64,
-    /// The same of turning, rad/s².
+    /// How fast its turning gets faster and slower, rad/s².
     pub turn_accel_radps2: f64,
     /// A planned way stays so far from walls, beyond the robot's own radius, metres.
     pub margin_m: f64,
@@ -48,7 +48,7 @@ pub struct SimulatorConfig {
     pub ticks_per_m: f64,
     /// By how much the odometry takes the left wheels' way for longer than it is, as a share.
     pub left_scale: f64,
-    /// The same of the right wheels.
+    /// By how much the odometry takes the right wheels' way for longer than it is, as a share.
     pub right_scale: f64,
     /// By how much the axle is longer than the odometry believes, as a share.
     pub axle_scale: f64,

@@ -128,8 +128,9 @@ impl Simulator {
         Ok(simulator.recorded(config)?)
     }
 
-    /// The same, but it carries out motions, one after the other, instead of its route. Where a wall is in the way it
-    /// stands, and the script is over.
+    /// The robot of a configuration in its world, which carries out motions, one after the other, instead of its route.
+    ///
+    /// Where a wall is in the way it stands, and the script is over.
     ///
     /// # Errors
     /// As [`Simulator::new`].

@@ -24,7 +24,7 @@ const SPAN_MAX: u16 = 9_000;
 /// The checksum's polynomial.
 const POLYNOMIAL: u8 = 0x4d;
 
-/// One packet.
+/// One packet of an LD19: points of a part of a turn, and when they were taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Packet {
     /// How fast it turns, degrees per second.
@@ -66,7 +66,7 @@ impl Packet {
         can_be.then_some(Self { speed_degps: number(2)?, first, last, stamp_ms: number(44)?, points })
     }
 
-    /// Its bytes.
+    /// The bytes of the packet.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         let mut bytes = HEAD.to_vec();

@@ -32,7 +32,7 @@ const TURN: u16 = 360 * 64;
 /// From point to point no more, 1/64 degrees: at 10 turns a second and 2000 points it is 1.8°.
 const STEP_MAX: u16 = 30 * 64;
 
-/// One point.
+/// One point of a turn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Point {
     /// Whether a turn begins with it.
@@ -58,7 +58,7 @@ impl Point {
         can_be.then_some(Self { begins_turn, quality: first >> 2, angle, range: u16::from_le_bytes(range) })
     }
 
-    /// Its bytes; the angle is taken within a turn.
+    /// The bytes of the point; the angle is taken within a turn.
     #[must_use]
     pub fn bytes(self) -> [u8; POINT_BYTES] {
         let angle = self.angle % TURN;
