@@ -53,7 +53,7 @@ pub enum Command {
         /// ROS 1 bag or MCAP; CARMEN, Wean Hall or GMapping (.gfs) log or CSV with a header, plain or .gz, .bz2, .zst; or the
         /// measurement file of a Udacity sonar pair.
         log: PathBuf,
-        /// Of a recording: this topic, in place of others of its type; may be repeated [default: those that are the only ones].
+        /// The topic of a recording to read, in place of others of its type; may be repeated [default: those that are the only ones].
         #[arg(long = "topic", value_name = "NAME")]
         topics: Vec<String>,
         /// Settings of the run: a graph file, or as much of one as `echogrid calibrate --out` writes.
@@ -81,7 +81,7 @@ pub enum Command {
         /// The sensor: `replay`, `simulator`, `pioneer`, `lidar`, or an executable of your own.
         #[arg(long, value_name = "NAME|FILE")]
         sensor: Option<String>,
-        /// Of a recording that is played (`--set replay.log=FILE`): this topic, in place of others of its type; may be repeated.
+        /// The topic to play of a recording (`--set replay.log=FILE`), in place of others of its type; may be repeated.
         #[arg(long = "topic", value_name = "NAME")]
         topics: Vec<String>,
         /// What is set for the run.
@@ -238,7 +238,7 @@ pub enum Command {
         /// The unit of a log's ranges: auto, m, cm or mm.
         #[arg(long, value_name = "UNIT", default_value = "auto", value_parser = range_unit)]
         range_unit: LogUnit,
-        /// Of a native map this layer, as .png or .npy: the doubt of each cell, or which way walls face.
+        /// The layer of a native map to write, as .png or .npy: the doubt of each cell, or which way walls face.
         #[arg(long, value_name = "LAYER")]
         layer: Option<MapLayerName>,
     },
@@ -256,7 +256,7 @@ pub enum Command {
         /// Who says it in a recording: tf (map to odom), or a topic of poses.
         #[arg(long, value_name = "tf|TOPIC", requires = "path")]
         truth: Option<String>,
-        /// Of that recording: this topic, in place of others of its type; may be repeated.
+        /// The topic of that recording to read, in place of others of its type; may be repeated.
         #[arg(long = "topic", value_name = "NAME", requires = "path")]
         topics: Vec<String>,
         /// Lays the map on the world: by the first pose of its path, on where the robot really was then; by all of its path, as

@@ -18,9 +18,9 @@ const HEADERS_MAX: usize = 48;
 pub enum Route {
     /// The page.
     Page,
-    /// Its style sheet.
+    /// The style sheet of the page.
     Style,
-    /// Its script.
+    /// The script of the page.
     Script,
     /// The stream of what is shown, over a WebSocket with this key.
     Socket(String),

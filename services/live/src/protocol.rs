@@ -141,7 +141,7 @@ pub enum Told<'a> {
     Hello {
         /// [`VERSION`].
         protocol: u32,
-        /// Of the graph.
+        /// The domain of the graph.
         domain: &'a str,
         /// What the run is about.
         facts: &'a Value,
@@ -172,7 +172,7 @@ pub enum Told<'a> {
         ok: bool,
         /// What was done, or why not.
         text: &'a str,
-        /// Of `why`: what is known of the cell.
+        /// What is known of the cell, where the order was `why`.
         #[serde(skip_serializing_if = "Option::is_none")]
         why: Option<&'a Value>,
     },
@@ -215,17 +215,17 @@ pub enum Said {
     },
     /// Map nothing until told to resume.
     Pause {
-        /// As above.
+        /// Names the order in its answer.
         id: u64,
     },
     /// Go on mapping.
     Resume {
-        /// As above.
+        /// Names the order in its answer.
         id: u64,
     },
     /// The robot is here now.
     Fix {
-        /// As above.
+        /// Names the order in its answer.
         id: u64,
         /// Metres, map frame.
         x: f64,
@@ -240,7 +240,7 @@ pub enum Said {
     },
     /// Why is the cell at this place what it is?
     Why {
-        /// As above.
+        /// Names the order in its answer.
         id: u64,
         /// Metres, map frame.
         x: f64,

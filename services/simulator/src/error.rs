@@ -44,7 +44,7 @@ pub enum SimulatorError {
         y: f64,
         /// From the robot's centre to the wall, metres; 0: within it.
         nearest_m: f64,
-        /// Of the robot, metres.
+        /// The radius of the robot, metres.
         radius_m: f64,
     },
     /// The route names a goal that the world does not have.

@@ -52,7 +52,7 @@ pub struct NotA(pub &'static str);
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "RawRate", into = "RawRate")]
 pub enum Rate {
-    /// As fast as the slowest process can take.
+    /// The fastest that the slowest process can take.
     Max,
     /// So many times real time; finite and positive.
     Times(f64),

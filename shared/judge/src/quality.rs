@@ -73,7 +73,7 @@ pub enum QualityError {
 pub enum TrueCell {
     /// Seen, and free.
     Free,
-    /// Of a wall beside a seen cell.
+    /// A part of a wall, beside a seen cell.
     Wall,
     /// Does not count: never seen, or too near to a wall to say.
     Open,

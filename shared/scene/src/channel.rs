@@ -22,7 +22,7 @@ pub enum Channel {
     Path,
     /// Beams and cones in the colours of their verdicts.
     Readings,
-    /// Of lidars: hits as they were heard.
+    /// The hits of lidars, as they were heard.
     Scan,
     /// What became of the services.
     Log,

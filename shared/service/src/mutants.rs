@@ -17,7 +17,7 @@ pub enum Mutant {
     ForgetsEnd,
     /// A state counts as stored though what had been written by then is not stored downstream.
     TrustsDownstream,
-    /// Of a run that failed and can be resumed, those upstream are told that the service that was given up is gone for good.
+    /// Those upstream of a service that was given up are told that it is gone for good, though the run can be resumed.
     ForgetsTheGivenUp,
     /// Who is done acknowledges what it has not stored, whether the launcher heard that it was done or not.
     LeavesUnheard,

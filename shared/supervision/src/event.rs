@@ -9,7 +9,7 @@ pub enum Event<'a> {
     Started {
         /// The service.
         name: &'a str,
-        /// Its process.
+        /// The number of the process.
         pid: u32,
     },
     /// Every service is ready.

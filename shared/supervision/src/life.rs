@@ -12,7 +12,7 @@ use crate::signs::{Signs, Usage};
 
 /// A process, as whoever started it has it in hand.
 pub trait Process {
-    /// Its number.
+    /// The number of the process.
     fn pid(&self) -> u32;
 
     /// Asks it to end; gone already is as good.

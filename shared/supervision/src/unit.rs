@@ -17,7 +17,7 @@ const FAILED_STARTS: u32 = 3;
 pub enum Stage {
     /// It is to be started then.
     Waiting(Instant),
-    /// Its process runs.
+    /// The process runs.
     Alive,
     /// It has done all that it was there for.
     Done,

@@ -30,7 +30,7 @@ pub trait Content: core::fmt::Debug + Clone + Sized + 'static {
 
 /// A content that [`Message`] has a variant for.
 pub trait Carried: Content {
-    /// As a message.
+    /// The content as a message.
     fn wrap(self) -> Message;
     /// What a message says, if it is one of this topic.
     fn find(message: &Message) -> Option<&Self>;

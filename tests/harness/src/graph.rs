@@ -53,7 +53,7 @@ impl GraphProcess {
         Self::start_in(&name, binary, arguments)
     }
 
-    /// As [`GraphProcess::start`], in the domain `name`.
+    /// Starts `binary` as [`GraphProcess::start`] does, in the domain `name`.
     ///
     /// # Panics
     /// The name is no domain, or the program can't be started.

@@ -34,7 +34,7 @@ impl Stranger {
         Self { child }
     }
 
-    /// Its process.
+    /// The number of the stranger's process.
     #[must_use]
     pub fn pid(&self) -> u32 {
         self.child.id()

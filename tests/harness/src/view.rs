@@ -54,7 +54,7 @@ impl View {
         self.number(service, "lost")
     }
 
-    /// Its process.
+    /// The number of the service's process.
     #[must_use]
     pub fn pid(&self, service: &str) -> u64 {
         self.number(service, "pid")

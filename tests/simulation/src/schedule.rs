@@ -22,7 +22,7 @@ pub enum What {
     Stop(usize, u32),
     /// The launcher is killed, when it has done so many more things.
     KillLauncher(u32),
-    /// Likewise, when all is done and it removes what the run could be resumed from.
+    /// The launcher is killed when all is done and it removes what the run could be resumed from.
     KillTidying(u32),
     /// The launcher is stopped for so many milliseconds.
     StopLauncher(u32),

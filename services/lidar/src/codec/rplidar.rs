@@ -78,7 +78,7 @@ impl Point {
 /// How the lidar says it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Health {
-    /// As it should be.
+    /// The lidar is as it should be.
     Good,
     /// It may soon fail, and its code for why.
     Warning(u16),

@@ -14,13 +14,13 @@ pub enum Fusion {
     Auto,
     /// The paper's model: eqs 21–23, log-odds added.
     Paper,
-    /// The same with deviations by direction, from the covariance of the pose: who lost the way along a corridor still knows
-    /// the corridor's walls.
+    /// The paper's model with deviations by direction, from the covariance of the pose: who lost the way along a corridor still
+    /// knows the corridor's walls.
     Covariance,
     /// The exact Bayes update of a cone given the map so far ([`crate::first_echo`]), with deviations by direction.
     FirstEcho,
-    /// The same where smooth walls mirror: each cell may be free, diffuse, or a wall that faces one of eight directions
-    /// ([`crate::oriented`]).
+    /// The update of [`Fusion::FirstEcho`] where smooth walls mirror: each cell may be free, diffuse, or a wall that faces one of
+    /// eight directions ([`crate::oriented`]).
     Oriented,
 }
 

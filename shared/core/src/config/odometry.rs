@@ -108,9 +108,9 @@ pub enum StartWord {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Poses {
-    /// Of a drive, which drifts.
+    /// The poses are those of a drive, which drifts.
     Drive,
-    /// Of something that does not: a SLAM, motion capture. They have no error, and a leap of theirs is a correction.
+    /// The poses are those of SLAM or motion capture, which do not drift. They have no error; a leap of theirs is a correction.
     Exact,
 }
 

@@ -13,7 +13,7 @@ use crate::odometry::gate::Gate;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// As the graph suggests.
+    /// What the graph suggests.
     Auto,
     /// Yes.
     Always,

@@ -22,11 +22,11 @@ pub enum Verdict {
     Untrusted = 6,
     /// It is not known where the robot was.
     NoPose = 7,
-    /// Its cone lies outside what a map can hold.
+    /// The reading's cone lies outside what a map can hold.
     OffMap = 8,
     /// Mapping was on hold: until the next absolute localization, or because the user paused it.
     Held = 9,
-    /// Its sonar is stuck or blocked: it says, time and again, what others contradict.
+    /// The sonar is stuck or blocked: it says, time and again, what others contradict.
     Stuck = 10,
     /// No other sonar supports it: crosstalk, or a ghost.
     Lone = 11,

@@ -61,7 +61,7 @@ pub enum LogError {
     UnknownFormat {
         /// The file.
         path: PathBuf,
-        /// Its first bytes, escaped.
+        /// The first bytes of the file, escaped.
         begins: String,
     },
     /// A table whose header does not say what is needed.
@@ -95,7 +95,7 @@ pub enum LogError {
         path: PathBuf,
         /// Why not.
         why: String,
-        /// Its topics, a line each.
+        /// The topics of the recording, a line each.
         list: String,
     },
     /// There is no odometry in the log.

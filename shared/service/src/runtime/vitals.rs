@@ -23,7 +23,7 @@ pub struct Terminated(pub Caught);
 pub enum Stop {
     /// It was asked to.
     Asked,
-    /// Its launcher is gone: nobody downstream can be waited for.
+    /// The launcher is gone: nobody downstream can be waited for.
     Orphaned,
 }
 

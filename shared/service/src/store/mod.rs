@@ -77,9 +77,9 @@ impl Moment {
 /// What can't be read once more.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub enum Unrepeatable {
-    /// A message of a topic that keeps only the latest.
+    /// The robot's description, of a topic that keeps only the latest.
     Robot(Robot),
-    /// Likewise.
+    /// A fix, of a topic that keeps only the latest.
     Fix(LocalizationFix),
     /// An order of the user, and its number: whoever did not hear the answer gives it again.
     Command(u64, Command),

@@ -33,7 +33,7 @@ pub enum ServiceState {
     Starting = 1,
     /// Taking messages.
     Running = 2,
-    /// Its inputs have ended; it finishes.
+    /// The inputs have ended; the service finishes.
     Draining = 3,
     /// Done, about to leave.
     Finished = 4,

@@ -16,7 +16,7 @@ pub enum DomainError {
     InUse {
         /// The domain.
         name: String,
-        /// Its launcher, if known.
+        /// The number of the launcher's process, if known.
         pid: Option<u32>,
     },
     /// Processes of a dead launcher will not leave.
@@ -54,7 +54,7 @@ pub enum DomainError {
     Foreign {
         /// The directory.
         path: PathBuf,
-        /// Its owner.
+        /// The owner of the directory.
         owner: User,
         /// Us.
         me: User,
@@ -76,9 +76,9 @@ pub enum DomainError {
         "{SHM} has room for {free} more files, this graph can need {needed}: remove some, or allow more (mount -o remount,nr_inodes=64k {SHM})"
     )]
     ShmTooFewFiles {
-        /// As many can still be made.
+        /// The number of files that can still be made.
         free: u64,
-        /// As many can be needed.
+        /// The number of files that the graph can need.
         needed: u64,
     },
     /// The system refused.

@@ -35,7 +35,7 @@ pub enum Fate {
     Torn,
     /// The whole graph is killed, and what was not synced is lost; names are kept.
     PowerFails,
-    /// Likewise, and names that were not synced are lost, too.
+    /// The whole graph is killed, what was not synced is lost, and names that were not synced, too.
     PowerFailsStrictly,
 }
 

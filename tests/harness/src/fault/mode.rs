@@ -73,7 +73,7 @@ impl Mode {
         Self::SlowReader,
     ];
 
-    /// As it is written.
+    /// The mode as it is written.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {

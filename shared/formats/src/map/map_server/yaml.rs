@@ -99,7 +99,7 @@ pub enum YamlError {
     /// Too long for a map's YAML.
     #[error("{bytes} bytes; a map's YAML has at most 65536")]
     TooLong {
-        /// Its length.
+        /// The length of the text, bytes.
         bytes: usize,
     },
 }

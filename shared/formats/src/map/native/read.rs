@@ -45,9 +45,9 @@ pub enum NativeError {
         section: String,
         /// Where the section begins.
         at: u64,
-        /// Of the bytes in the file.
+        /// The checksum of the bytes in the file.
         found: u32,
-        /// As stored in the file.
+        /// The checksum as it is stored in the file.
         expected: u32,
     },
     /// A section that has no place here.
