@@ -39,7 +39,7 @@ pub use plan::Plan;
 pub enum Input {
     /// A message of one of its input topics.
     Message {
-        /// The number of the message within the producer's life: 1, 2, 3 …
+        /// The sequence number of the message, from 1 on: through the run on a lossless topic, else through the producer's life.
         sequence: u64,
         /// When its content was true, sensor's clock, nanoseconds.
         stamp_ns: u64,
