@@ -33,9 +33,9 @@ pub struct SlamConfig {
     pub closure_margin: f64,
     /// Rounds in which all scans of one place are laid on each other at the end; 0: none.
     pub refine_rounds: u32,
-    /// Of sonars: how much better the readings of the last metres must fit a place than nothing, nat a reading.
+    /// How much better the readings of the last metres must fit a place than nothing, with sonars, nat a reading.
     pub sonar_evidence_nat: f64,
-    /// Of sonars: how much worse they must fit elsewhere in the place, nat a reading.
+    /// How much worse the readings must fit elsewhere in the place, with sonars, nat a reading.
     pub sonar_margin_nat: f64,
     /// Closures that are none, each by the numbers of its two nodes, with those from next to both of them.
     pub forbid: Vec<[u32; 2]>,

@@ -52,7 +52,7 @@ pub struct Except {
 }
 
 impl Field {
-    /// Of the points within `reach_m` of the origin.
+    /// The field of the points within `reach_m` of the origin.
     #[must_use]
     pub fn of(points: &[[f64; 2]], reach_m: f64) -> Self {
         let reach_m = reach_m.min(0.45 * CELL_M * SIDE_MAX as f64);

@@ -7,20 +7,20 @@ use crate::matrix::{self, Matrix};
 /// Errors of one kind: metres or radians.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Spread {
-    /// Their mean.
+    /// The mean of the errors.
     pub mean: f64,
-    /// Their standard deviation.
+    /// The standard deviation of the errors.
     pub std: f64,
-    /// The square root of the mean of their squares.
+    /// The square root of the mean of the squares of the errors.
     pub rms: f64,
-    /// The middle one.
+    /// The median of the errors.
     pub median: f64,
-    /// The largest.
+    /// The largest of the errors.
     pub max: f64,
 }
 
 impl Spread {
-    /// Of these errors, none of which is negative. All zero where there is none.
+    /// The spread of these errors, none of which is negative. All zero where there is none.
     #[must_use]
     pub fn of(errors: &[f64]) -> Self {
         let count = errors.len() as f64;
@@ -73,16 +73,16 @@ pub struct PathError {
     pub alignment: Pose2,
     /// ATE: from each position to the true one, once the paths are laid on each other, metres.
     pub absolute_m: Spread,
-    /// Of heading, likewise, radians.
+    /// The errors of the heading, once the paths are laid on each other, radians.
     pub heading_rad: Spread,
     /// Over each metre of true way: how far off its end is, seen from its beginning, metres per metre.
     pub per_metre_m: Spread,
-    /// Of heading, likewise, radians per metre.
+    /// The errors of the heading over each metre of true way, radians per metre.
     pub per_metre_rad: Spread,
 }
 
 impl PathError {
-    /// Of pairs of a pose and the true one, in the order of time. None where there are fewer than two.
+    /// The errors of a path, of pairs of a pose and the true one in the order of time; none where there are fewer than two.
     #[must_use]
     pub fn of(pairs: &[(Pose2, Pose2)]) -> Option<Self> {
         if pairs.len() < 2 {
@@ -145,8 +145,9 @@ pub struct Consistency {
 pub const NEES_OF_ONE: (f64, f64) = (0.072, 3.116);
 
 impl Consistency {
-    /// Of poses, the true ones, and what was claimed: covariances of (x, y, θ) in the frame of the map, in which the first pose is certain
-    /// and is laid on its true one. None where none claims anything.
+    /// The consistency of poses, each with the true one and the covariance that was claimed; none where none claims anything.
+    ///
+    /// Covariances are of (x, y, θ) in the frame of the map, in which the first pose is certain and is laid on its true one.
     #[must_use]
     pub fn of(claims: &[(Pose2, Pose2, Matrix)]) -> Option<Self> {
         let (first, is, _) = claims.first()?;

@@ -44,7 +44,7 @@ pub struct Edge {
 /// A pose that is known from elsewhere.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Anchor {
-    /// Of which node.
+    /// The number of the node.
     pub node: u32,
     /// Where it is.
     pub pose: Pose2,
@@ -55,7 +55,7 @@ pub struct Anchor {
 /// What is solved for, and from what.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Graph {
-    /// Of the nodes, in order.
+    /// The poses of the nodes, in order.
     pub poses: Vec<Pose2>,
     /// What the odometry measures too much, as a share: of translation, of rotation.
     pub scales: [f64; 2],

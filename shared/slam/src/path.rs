@@ -14,7 +14,7 @@ pub struct Knot {
     pub stamp_ns: u64,
     /// By the odometry.
     pub odom_from_base: Pose2,
-    /// As it is known.
+    /// The pose of the base, as it is known.
     pub pose: Pose2,
 }
 

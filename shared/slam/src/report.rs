@@ -10,7 +10,7 @@ use crate::slam::Slam;
 pub struct Report {
     /// Scans that were laid on others.
     pub nodes: u64,
-    /// Of those, how many could not be.
+    /// How many of the nodes' scans could not be laid on those before them.
     pub lost: u64,
     /// Corrected way, metres.
     pub way_m: f64,
@@ -18,10 +18,10 @@ pub struct Report {
     pub places_tried: u64,
     /// Places that looked alike, but could not be told apart from others.
     pub ambiguous: u64,
-    /// Of sonars: why places were not recognised that may have been near.
+    /// Why places were not recognised that may have been near; none without sonars.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unrecognised: Option<Unrecognised>,
-    /// Of a robot whose lidar recognised nothing, so that its sonars did it: scans of the lidar that could not be laid on others, and all.
+    /// Scans of the lidar that could not be laid on others, and all, where it recognised nothing, so that the sonars did it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instead_of_lidar: Option<[u64; 2]>,
     /// What the odometry measured too much, as a share: of translation, of rotation.
@@ -96,7 +96,7 @@ pub enum By {
 }
 
 impl Report {
-    /// Of a drive.
+    /// The report of a drive.
     #[must_use]
     pub fn of(slam: &Slam) -> Self {
         let drive = &slam.drive;

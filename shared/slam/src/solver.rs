@@ -26,7 +26,9 @@ pub struct Place {
 }
 
 impl Structure {
-    /// Of `count` variables of which these pairs meet. The last variable, if `last_meets_all`, is eliminated last and meets everybody.
+    /// The structure of `count` variables of which these pairs meet.
+    ///
+    /// The last variable, if `last_meets_all`, is eliminated last and meets everybody.
     #[must_use]
     pub fn new(count: usize, pairs: impl IntoIterator<Item = (usize, usize)>, last_meets_all: bool) -> Self {
         let free = count - usize::from(last_meets_all);
@@ -137,7 +139,7 @@ impl<'a> System<'a> {
         if place.transposed { matrix::add(target, &matrix::transpose(block)) } else { matrix::add(target, block) }
     }
 
-    /// Its factors.
+    /// Factors the system into L D Lᵀ.
     #[must_use]
     pub fn factor(self) -> Factors<'a> {
         let Self { structure, mut diagonal, mut blocks } = self;

@@ -65,7 +65,7 @@ pub struct EchoMap {
 }
 
 impl EchoMap {
-    /// Of a map as an array.
+    /// A map for sonars, from a map as an array.
     #[must_use]
     pub fn new(ground: Ground) -> Self {
         let response = Response::new(CRITICAL_RAD, FACINGS);

@@ -30,7 +30,7 @@ pub struct MapModel {
 /// What keeps a map from being localized in.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GroundError {
-    /// Its cells are too large.
+    /// The cells are too large.
     #[error("cells of {0} m: walls must be known to 0.2 m or better to localize by them")]
     Coarse(f64),
     /// It is too large.
@@ -70,7 +70,7 @@ pub struct Ground {
 }
 
 impl Ground {
-    /// Of a grid that was made by `model`.
+    /// The cells of a grid that was made by `model`, as an array.
     ///
     /// # Errors
     /// It is too coarse, too large, or too little is in it.

@@ -58,7 +58,7 @@ pub struct Gates {
 pub struct Located {
     /// The robot in the map.
     pub pose: Pose2,
-    /// Of (x, y, θ) in the map's frame, without what was known before; m², m rad, rad².
+    /// The covariance of (x, y, θ) in the map's frame, without what was known before; m², m rad, rad².
     pub covariance: Matrix,
     /// How well it fits: of sonars nat a reading, of a lidar the share of points on walls.
     pub evidence: f64,
@@ -76,7 +76,7 @@ pub enum Unlocated {
     },
     /// Nowhere does it fit.
     NoFit {
-        /// Of the best place.
+        /// How well the best place fits.
         evidence: f64,
         /// What it takes.
         needed: f64,

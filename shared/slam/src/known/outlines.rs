@@ -51,7 +51,7 @@ pub struct OutlineMap {
 }
 
 impl OutlineMap {
-    /// Of a map as an array.
+    /// A map for lidars, from a map as an array.
     #[must_use]
     pub fn new(ground: &Ground) -> Self {
         let mut map =

@@ -11,9 +11,9 @@ const NEW: (f64, f64) = (0.02, 0.02);
 /// A reading, and where the odometry said that the base was when it was taken.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Heard {
-    /// Of a sonar.
+    /// The reading of a sonar.
     pub reading: Reading,
-    /// The base then.
+    /// The base in the frame of the odometry when it was taken.
     pub odom_from_base: Pose2,
 }
 

@@ -57,7 +57,7 @@ pub struct SonarSlam<'a> {
 }
 
 impl<'a> SonarSlam<'a> {
-    /// Of all that was heard: poses as the odometry says.
+    /// A drive to be corrected, of all that was heard; poses are as the odometry says.
     #[must_use]
     pub fn new(
         config: &SlamConfig,
