@@ -44,7 +44,7 @@ pub const OUTPUTS: &[Topic] = &[Topic::LocalizationFix];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &[] };
 
-/// The same where it localizes in a map.
+/// What it declares of itself where it localizes in a map.
 pub const MAP_DECLARATION: Declaration = Declaration { reads: MAP_INPUTS, ..DECLARATION };
 
 /// Name of the only part that is saved.

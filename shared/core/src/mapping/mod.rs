@@ -136,7 +136,7 @@ impl GridMapper {
         verdicts
     }
 
-    /// Likewise, for one reading, which is judged by the filters that need no other.
+    /// Integrates one reading as [`GridMapper::integrate_scan`] does a scan; it is judged by the filters that need no other.
     pub fn integrate(&mut self, sequence: u64, reading: &Reading, estimate: Option<&Estimate>) -> Verdict {
         let refusal = self.chain.refusal(&self.channels, reading);
         self.integrate_judged(sequence, reading, estimate, refusal)
