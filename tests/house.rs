@@ -161,6 +161,40 @@ fn every_module_begins_with_a_sentence() {
     none("a module says first what it is", &wrong);
 }
 
+/// Words by which a line leans on the one before: such a line says nothing in an index or an editor.
+const LEANING: &[&str] = &["Of", "As", "Its", "Their", "Likewise", "And", "Or", "But", "Also", "Same"];
+
+/// First lines of the documentation of what is public: `pub` itself, or within a public enum or trait.
+fn first_lines(text: &str) -> Vec<(usize, &str)> {
+    let (mut found, mut first, mut is_open) = (Vec::new(), None, false);
+    for (at, line) in text.lines().enumerate() {
+        is_open = line.starts_with("pub enum ") || line.starts_with("pub trait ") || is_open && !line.starts_with('}');
+        match line.trim_start() {
+            doc if doc.starts_with("///") => first = first.or(Some((at + 1, doc[3..].trim()))),
+            attribute if attribute.starts_with("#[") => {}
+            item => found.extend(first.take().filter(|_| is_open || item.starts_with("pub "))),
+        }
+    }
+    found
+}
+
+#[test]
+fn documentation_stands_alone() {
+    let mut wrong = Vec::new();
+    for Source { name, text } in sources() {
+        let leans = |line: &str| LEANING.contains(&line.split(|c: char| !c.is_alphabetic()).next().unwrap_or_default());
+        let found = first_lines(&text).into_iter().filter(|(_, line)| leans(line));
+        wrong.extend(found.map(|(number, line)| format!("{name}:{number}: {line}")));
+    }
+    none("the first line on a public item is a whole phrase", &wrong);
+}
+
+#[test]
+fn first_lines_are_found() {
+    let text = "/// One.\n/// Two.\n#[must_use]\npub fn a() {}\n/// Three.\nfn b() {}\npub enum C {\n    /// Four.\n    D,\n}\n";
+    assert_eq!(first_lines(text), [(1, "One."), (8, "Four.")]);
+}
+
 #[test]
 fn the_core_depends_on_its_input_alone() {
     let mut wrong = Vec::new();
