@@ -16,7 +16,7 @@ const TOO_NEAR: f64 = 0.5;
 #[derive(Debug, Serialize)]
 #[serde(transparent)]
 pub struct Sonar {
-    /// By the name of the verdict.
+    /// The number of readings by the name of the verdict.
     pub verdicts: BTreeMap<&'static str, u64>,
 }
 

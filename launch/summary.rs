@@ -141,9 +141,9 @@ pub struct Refused {
 pub struct Cells {
     /// Touched by some reading.
     pub known: u64,
-    /// p > 0.65.
+    /// The number of cells with p > 0.65.
     pub occupied: u64,
-    /// p < 0.35.
+    /// The number of cells with p < 0.35.
     pub free: u64,
 }
 

@@ -27,7 +27,7 @@ pub struct Graph<'a> {
     pub log_filter: Option<&'a str>,
     /// Whether they log as JSON.
     pub log_json: bool,
-    /// From one sign of life to the next. Writing a large map to a slow disk is one step.
+    /// The longest time from one sign of life to the next. Writing a large map to a slow disk is one step.
     pub alive_within: Duration,
     /// A service that has not become ready for so long hangs.
     pub ready_within: Duration,

@@ -29,7 +29,7 @@ impl Model {
         }
     }
 
-    /// Who understands it.
+    /// The decoder of what the lidar sends.
     #[must_use]
     pub fn decoder(self) -> Box<dyn Decoder> {
         match self {
@@ -62,7 +62,7 @@ impl Model {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LidarConfig {
-    /// Which it is.
+    /// The model of the lidar.
     pub model: Model,
     /// A serial device (`/dev/ttyUSB0`), or `tcp:HOST:PORT`.
     pub port: String,

@@ -18,7 +18,7 @@ pub use config::{LidarConfig, Model};
 pub use lidar::Lidar;
 pub use turns::Turns;
 
-/// What it writes.
+/// The topics that the lidar writes.
 pub const OUTPUTS: &[Topic] = &[Topic::RangeScan];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &[] };

@@ -75,7 +75,7 @@ impl Lidar {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the lidar from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong, or the robot has no lidar.
@@ -84,7 +84,7 @@ impl Lidar {
         Self::new(plan.section("lidar")?, &robot)
     }
 
-    /// Scans so far.
+    /// The number of scans so far.
     #[must_use]
     pub fn count(&self) -> u64 {
         self.count

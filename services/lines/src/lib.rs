@@ -22,7 +22,7 @@ pub use echogrid_formats::log::carmen::LineStream;
 pub use program::{Binder, Called, Ended, Printed, Program};
 pub use sensor::Lines;
 
-/// What it writes.
+/// The topics that a program of lines writes.
 pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &[] };

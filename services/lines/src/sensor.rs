@@ -50,7 +50,7 @@ impl Lines {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the sensor from the plan of a run.
     ///
     /// # Errors
     /// A section is wrong, or the program can't be started.

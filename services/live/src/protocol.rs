@@ -192,11 +192,11 @@ impl Told<'_> {
 /// A line of the log.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LogLine {
-    /// 1, 2, 3 …
+    /// The number of the line: 1, 2, 3 …
     pub id: u64,
     /// Seconds since 1970.
     pub time_s: f64,
-    /// Who says it.
+    /// The service that says it.
     pub service: String,
     /// `info`, `warn` or `error`.
     pub level: &'static str,

@@ -26,9 +26,9 @@ use readings::ReadingsFile;
 use serde::{Deserialize, Serialize};
 use trajectory::{Rectified, Trajectory};
 
-/// What it reads.
+/// The topics that the mapper reads.
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryEstimate, Topic::RangeScan];
-/// What it writes.
+/// The topics that the mapper writes.
 pub const OUTPUTS: &[Topic] = &[Topic::MapTiles, Topic::MapInfo, Topic::RangeVerdict];
 /// What it declares of itself.
 pub const DECLARATION: Declaration =
@@ -102,7 +102,7 @@ pub struct MapperService {
 }
 
 impl MapperService {
-    /// From the configuration; of `odometry` the noise rule and the seed count.
+    /// Makes the mapper from the configuration; of `odometry` the noise rule and the seed count.
     ///
     /// # Errors
     /// A value is out of range.
@@ -135,7 +135,7 @@ impl MapperService {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the mapper from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong.

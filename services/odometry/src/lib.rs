@@ -20,9 +20,9 @@ use echogrid_topics::{Command, LocalizationFix, LocalizationRequest, Message, Po
 use history::{Applied, History};
 use serde::{Deserialize, Serialize};
 
-/// What it reads.
+/// The topics that the odometry reads.
 pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::LocalizationFix, Topic::OdometryRaw];
-/// What it writes.
+/// The topics that the odometry writes.
 pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::LocalizationRequest];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &["fix"] };
@@ -70,7 +70,7 @@ pub struct OdometryService {
 }
 
 impl OdometryService {
-    /// From the configuration; `resolution_m` is the side of the map's cells, which bounds how exact a reading can be.
+    /// Makes the odometry; `resolution_m` is the side of the map's cells, which bounds how exact a reading can be.
     /// Where `has_localizer`, it asks for localizations; `auto` in `localization` means always.
     ///
     /// # Errors
@@ -116,7 +116,7 @@ impl OdometryService {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the odometry from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong.

@@ -24,7 +24,7 @@ pub struct PioneerConfig {
     pub motors: bool,
     /// A command to drive counts for so long, seconds.
     pub dead_man_s: f64,
-    /// From one firing of an array of sonars to the next, seconds; 0: as the robot says.
+    /// The time from one firing of an array of sonars to the next, seconds; 0: as the robot says.
     pub sonar_cycle_s: f64,
     /// A robot that has told nothing for so long is called again, seconds.
     pub silence_s: f64,

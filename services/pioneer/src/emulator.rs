@@ -28,11 +28,11 @@ const BATTERY_DV: u8 = 129;
 /// What the emulated robot says of itself.
 #[derive(Debug, Clone)]
 pub struct Who {
-    /// Name and model.
+    /// Name and model of the robot.
     pub identity: Identity,
     /// What its counts mean.
     pub parameters: Parameters,
-    /// From one firing of an array to the next, milliseconds.
+    /// The time from one firing of an array to the next, milliseconds.
     pub sonar_cycle_ms: u8,
 }
 

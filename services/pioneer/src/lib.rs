@@ -27,7 +27,7 @@ pub use pioneer::Pioneer;
 pub use reports::Reports;
 pub use session::{Event, Out, Session, SessionSettings};
 
-/// What it writes.
+/// The topics that the Pioneer writes.
 pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topic::RangeScan];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &["drive"] };

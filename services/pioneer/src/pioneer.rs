@@ -131,7 +131,7 @@ impl Pioneer {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the Pioneer from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong, or the parameters can't be read.

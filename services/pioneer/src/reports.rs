@@ -64,7 +64,7 @@ impl Reports {
         }
     }
 
-    /// From one firing of an array to the next, nanoseconds.
+    /// Sets the time from one firing of an array to the next, nanoseconds.
     pub fn set_sonar_cycle_ns(&mut self, sonar_cycle_ns: u64) {
         self.sonar_cycle_ns = sonar_cycle_ns;
     }

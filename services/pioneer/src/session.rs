@@ -131,13 +131,13 @@ impl Session {
         self.heard = now;
     }
 
-    /// Which speed the line has.
+    /// The speed that the line has.
     #[must_use]
     pub fn baud(&self) -> Baud {
         self.settings.bauds.get(self.baud).copied().unwrap_or(Baud::B9600)
     }
 
-    /// From now on the line is to have this speed, whenever a session is open.
+    /// Sets the speed that the line is to have from now on, whenever a session is open.
     pub fn switch_to(&mut self, baud: Baud) {
         self.wanted = Some(baud);
     }

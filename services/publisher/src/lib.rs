@@ -25,7 +25,7 @@ use crate::path::Path;
 pub use crate::sonars::SONARS_FILE;
 use crate::sonars::SonarSheet;
 
-/// What it reads.
+/// The topics that the publisher reads.
 pub const INPUTS: &[Topic] = &[Topic::OdometryEstimate, Topic::MapTiles];
 /// What it writes: nothing that a process could read.
 pub const OUTPUTS: &[Topic] = &[];
@@ -113,7 +113,7 @@ impl PublisherService {
         })
     }
 
-    /// From the plan of a run.
+    /// Makes the publisher from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong.

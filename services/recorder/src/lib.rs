@@ -89,7 +89,7 @@ impl RecorderService {
         Self { file, config, run: RunWords::new(), is_synced: false, robot: None, state: State::Ahead(None) }
     }
 
-    /// From the plan of a run.
+    /// Makes the recorder from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong.

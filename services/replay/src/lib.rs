@@ -14,12 +14,12 @@ use echogrid_service::{Declaration, Plan, Sensor, process};
 use echogrid_topics::{Message, RawOdometry, Topic, TruePose};
 use truth::Ahead;
 
-/// What it writes.
+/// The topics that the replay writes.
 pub const OUTPUTS: &[Topic] = &[Topic::RobotDescription, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: &[], looks_on: &[], writes: OUTPUTS, orders: &[] };
 
-/// Plays a log.
+/// A sensor that plays a log.
 #[derive(Debug)]
 pub struct Replay {
     /// Goes out first.
@@ -43,7 +43,7 @@ impl Replay {
         Ok(Self { robot, survey, events, waiting: None })
     }
 
-    /// From the plan of a run.
+    /// Makes the replay from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong, or the log is.

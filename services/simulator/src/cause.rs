@@ -27,7 +27,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// All of them.
+    /// Every cause.
     pub const ALL: [Self; 8] = [
         Self::Direct,
         Self::Corner,
@@ -39,7 +39,7 @@ impl Cause {
         Self::Fault,
     ];
 
-    /// In a word.
+    /// The cause in a word.
     #[must_use]
     pub fn word(self) -> &'static str {
         match self {
@@ -60,13 +60,13 @@ impl Cause {
 pub struct Heard {
     /// The number of the transducer.
     pub transducer: u16,
-    /// What it says.
+    /// What the reading says.
     pub echo: Echo,
     /// Why the reading says so.
     pub cause: Cause,
     /// What the axis of its cone meets first, were it light: how far, metres; none: nothing within its range.
     pub ahead_m: Option<f64>,
-    /// At which angle from the surface's normal, radians in [0, π/2]; 0 where there is none.
+    /// The angle from the surface's normal, radians in [0, π/2]; 0 where there is none.
     pub incidence_rad: f64,
 }
 

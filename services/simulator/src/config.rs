@@ -16,7 +16,7 @@ pub struct SimulatorConfig {
     pub world: String,
     /// Where the drive starts: `[x, y]` or `[x, y, heading_deg]`; empty: at the world's home.
     pub start: Vec<f64>,
-    /// Where it goes.
+    /// The route of the robot.
     pub route: Route,
     /// The drive ends after so many seconds; 0: when the route is done.
     pub duration_s: f64,
@@ -40,9 +40,9 @@ pub struct SimulatorConfig {
     /// A robot that somebody blocks gives up the place that it drives to after so long, seconds.
     pub patience_s: f64,
 
-    /// From one odometry pose to the next, seconds.
+    /// The time from one odometry pose to the next, seconds.
     pub odometry_period_s: f64,
-    /// Between the wheels of both sides, as the odometry believes, metres.
+    /// The distance between the wheels of both sides, as the odometry believes, metres.
     pub axle_m: f64,
     /// Resolution of the encoders: ticks per metre of the wheels' way.
     pub ticks_per_m: f64,
@@ -65,7 +65,7 @@ pub struct SimulatorConfig {
 
     /// Which sonars fire together, in turn; empty: one after the other.
     pub firing_order: Vec<Vec<u16>>,
-    /// From one firing to the next, seconds.
+    /// The time from one firing to the next, seconds.
     pub firing_period_s: f64,
     /// Rays that stand for the cone of a sonar.
     pub rays: u16,
@@ -78,7 +78,7 @@ pub struct SimulatorConfig {
     /// The sonars that break.
     pub faults: Vec<Fault>,
 
-    /// From one scan of a lidar to the next, seconds.
+    /// The time from one scan of a lidar to the next, seconds.
     pub lidar_period_s: f64,
     /// Share of the lidar's beams that never come back.
     pub lidar_dropout_ratio: f64,

@@ -69,7 +69,7 @@ pub struct Drive {
 }
 
 impl Drive {
-    /// At rest at `start`, which the odometry knows.
+    /// A drive at rest at `start`, which the odometry knows.
     #[must_use]
     pub fn new(config: &SimulatorConfig, start: Pose2) -> Self {
         Self {

@@ -22,7 +22,7 @@ pub struct Fault {
     /// The range that it tells, metres; a silent one tells none.
     #[serde(default = "default_range_m")]
     pub range_m: f64,
-    /// When it breaks, seconds from the start.
+    /// The time at which it breaks, seconds from the start.
     #[serde(default)]
     pub from_s: f64,
 }

@@ -58,7 +58,7 @@ pub use fault::{Fault, FaultKind};
 pub use simulator::Simulator;
 pub use slip::ExpectedErrors;
 
-/// What it writes.
+/// The topics that the simulator writes.
 pub const OUTPUTS: &[Topic] =
     &[Topic::RobotDescription, Topic::TrueWorld, Topic::TruePose, Topic::OdometryRaw, Topic::RangeScan];
 /// What it declares of itself.

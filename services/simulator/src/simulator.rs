@@ -154,7 +154,7 @@ impl Simulator {
         Self::new(&unrecorded, world_of(config)?, robot).map(drop)
     }
 
-    /// From the plan of a run.
+    /// Makes the simulator from the plan of a run.
     ///
     /// # Errors
     /// A section is missing or wrong, or the world or the route is.

@@ -31,7 +31,7 @@ pub struct Packet {
     pub speed_degps: u16,
     /// Where the first point lies, hundredths of a degree clockwise, below 36000.
     pub first: u16,
-    /// Where the last point lies, likewise.
+    /// Where the last point lies, hundredths of a degree clockwise, below 36000.
     pub last: u16,
     /// Milliseconds, from 0 to 29999, then from 0 again.
     pub stamp_ms: u16,

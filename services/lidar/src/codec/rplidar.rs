@@ -11,11 +11,11 @@ use super::{Beam, Buffer, Decoder};
 
 /// Bits per second.
 pub const BAUD: u32 = 115_200;
-/// Asks to stop.
+/// The command that asks the lidar to stop.
 pub const STOP: [u8; 2] = [0xa5, 0x25];
-/// Asks to scan.
+/// The command that asks the lidar to scan.
 pub const SCAN: [u8; 2] = [0xa5, 0x20];
-/// Asks how it is.
+/// The command that asks the lidar how it is.
 pub const GET_HEALTH: [u8; 2] = [0xa5, 0x52];
 /// What stands before the points of a scan.
 pub const SCAN_DESCRIPTOR: [u8; 7] = [0xa5, 0x5a, 0x05, 0x00, 0x00, 0x40, 0x81];
