@@ -46,7 +46,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// All of them.
+    /// Every command.
     pub const ALL: [Self; 15] = [
         Self::Pulse,
         Self::Open,
@@ -77,13 +77,13 @@ impl Command {
         short(n, &[])
     }
 
-    /// Without an argument.
+    /// The packet of the command without an argument.
     #[must_use]
     pub fn plain(self) -> Packet {
         short(self as u8, &[])
     }
 
-    /// With a whole number; what does not fit is cut at ±65535.
+    /// The packet of the command with a whole number; what does not fit is cut at ±65535.
     #[must_use]
     pub fn with(self, value: i32) -> Packet {
         let kind = if value < 0 { NEGATIVE } else { INTEGER };

@@ -14,7 +14,7 @@ pub struct Configuration {
     pub serial_number: String,
     /// The robot's name.
     pub name: String,
-    /// From one information packet to the next, milliseconds.
+    /// The time from one information packet to the next, milliseconds.
     pub sip_cycle_ms: u8,
     /// Whether it has sonars at the front.
     pub front_sonar: bool,
@@ -32,7 +32,7 @@ pub struct Configuration {
     pub front_bumpers: u8,
     /// Bumpers at the rear.
     pub rear_bumpers: u8,
-    /// From one sonar's firing to that of the next of its array, milliseconds; 0: not told.
+    /// The time from one sonar's firing to that of the next of its array, milliseconds; 0: not told.
     pub sonar_cycle_ms: u8,
     /// Version of the firmware.
     pub firmware: String,

@@ -58,7 +58,7 @@ impl Packet {
         (Self { bytes: framed.to_vec() }, is_right)
     }
 
-    /// What it is.
+    /// The id, which tells what the packet is.
     #[must_use]
     pub fn id(&self) -> u8 {
         self.bytes.get(3).copied().unwrap_or_default()

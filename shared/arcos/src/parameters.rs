@@ -9,7 +9,7 @@ pub struct SonarPlace {
     pub x_mm: f64,
     /// The place of the sonar along the robot's y axis, to the left, mm.
     pub y_mm: f64,
-    /// Where it looks, degrees counter-clockwise.
+    /// The direction in which the sonar looks, degrees counter-clockwise.
     pub heading_deg: f64,
 }
 

@@ -57,7 +57,7 @@ pub struct Sip {
     pub charge: Option<u8>,
     /// Turn rate, tenths of a degree per second.
     pub turn_rate: Option<i16>,
-    /// What is faulty.
+    /// The faults of the robot, a bit each.
     pub faults: Option<u16>,
     /// Speed to the side, in the robot's counts.
     pub lateral_speed: Option<i16>,

@@ -28,9 +28,9 @@ pub struct Map {
 #[derive(Debug)]
 #[repr(C)]
 pub struct Grid {
-    /// From the lowest y up.
+    /// The number of rows, from the lowest y up.
     pub rows: u64,
-    /// From the lowest x up.
+    /// The number of columns, from the lowest x up.
     pub columns: u64,
     /// The x of the lower left corner of the first cell, metres.
     pub origin_x_m: f64,

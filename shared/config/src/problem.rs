@@ -30,7 +30,7 @@ impl fmt::Display for Origin {
 /// One thing that is wrong, in one line: where, which key, its value, what was expected.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
-    /// Where; none when nothing was written.
+    /// Where the value was written; none when nothing was.
     pub origin: Option<Origin>,
     /// The key with its tables (`mapper.resolution_m`); empty when it is not about a key.
     pub key: String,

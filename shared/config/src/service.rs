@@ -190,7 +190,7 @@ impl Builtin {
         matches!(self, Self::Recorder | Self::Live)
     }
 
-    /// All of them.
+    /// Every built-in service.
     pub const ALL: [Self; 11] = [
         Self::Replay,
         Self::Simulator,

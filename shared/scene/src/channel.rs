@@ -37,7 +37,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// All of them.
+    /// Every channel.
     pub const ALL: [Self; 13] = [
         Self::Map,
         Self::Tiles,

@@ -42,7 +42,7 @@ pub struct Show {
 }
 
 impl Show {
-    /// Nothing yet; the whole map will go out at most this often.
+    /// A show of nothing yet; the whole map will go out at most this often.
     #[must_use]
     pub fn new(map_every: Duration) -> Self {
         Self {

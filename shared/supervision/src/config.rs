@@ -13,13 +13,13 @@ pub struct SupervisionConfig {
     pub restarts_max: u32,
     /// Seconds after which a restart is forgotten.
     pub window_s: f64,
-    /// Seconds before the first restart; each further one within the window waits twice as long …
+    /// The pause before the first restart, seconds; each further one within the window waits twice as long, up to `backoff_max_s`.
     pub backoff_s: f64,
-    /// … up to this.
+    /// The longest pause before a restart, seconds.
     pub backoff_max_s: f64,
-    /// From its start to its readiness; a service that takes longer hangs. Seconds.
+    /// The longest time from a service's start to its readiness, seconds; one that takes longer hangs.
     pub ready_within_s: f64,
-    /// From the readiness of all to the first message of the sensor, and from that to the first of those who read it.
+    /// The longest time from the readiness of all to the sensor's first message, and from that to the first of those who read it, seconds.
     pub first_output_within_s: f64,
 }
 

@@ -66,7 +66,7 @@ impl AsRef<Wiring> for Role {
 pub struct Settings {
     /// What happens when a service dies or hangs.
     pub config: SupervisionConfig,
-    /// From one sign of life to the next. Writing a large map to a slow disk is one step.
+    /// The longest time from one sign of life to the next. Writing a large map to a slow disk is one step.
     pub alive_within: Duration,
     /// A service that has not become ready for so long hangs.
     pub ready_within: Duration,
@@ -97,7 +97,7 @@ pub struct Supervision<P> {
     pub killed: Vec<String>,
     /// Services that were given up while the others went on, and why.
     pub given_up: Vec<String>,
-    /// When all were ready for the first time.
+    /// The time at which all were ready for the first time.
     pub ready: Option<Instant>,
     settings: Settings,
     /// Who writes each topic.
@@ -172,7 +172,7 @@ impl<P: Process> Supervision<P> {
         (0..self.units.len()).filter(|index| is_due(&self.units[*index])).collect()
     }
 
-    /// When the next service is to be started, if any is.
+    /// The time at which the next service is to be started, if any is.
     #[must_use]
     pub fn next_due(&self) -> Option<Instant> {
         let due = self.units.iter().filter_map(|unit| match unit.stage {
@@ -203,7 +203,7 @@ impl<P: Process> Supervision<P> {
         self.units.iter().filter(is_gone).map(|unit| unit.name.as_str())
     }
 
-    /// It is so late now.
+    /// Tells the supervision what time it is now.
     pub fn is_now(&mut self, now: Instant) {
         self.now = now;
     }

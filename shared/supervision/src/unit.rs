@@ -30,10 +30,10 @@ pub enum Stage {
 pub struct Unit<P> {
     /// The name of the service in the graph.
     pub name: String,
-    /// Where in the flow of streams it is.
+    /// The place of the service in the flow of streams.
     pub place: Place,
     pub(crate) role: Role,
-    /// Where it is in its lives.
+    /// The stage of its lives that the service is in.
     pub stage: Stage,
     /// The last of its lives.
     pub(crate) life: Option<Life<P>>,

@@ -9,7 +9,7 @@ use echogrid_core::{POSITION_MAX_M, Pose2};
 pub struct Fault {
     /// The field that is wrong.
     pub field: &'static str,
-    /// What it held.
+    /// The value that the field held.
     pub value: String,
     /// What would have been right.
     pub expected: &'static str,

@@ -96,7 +96,7 @@ pub struct Health {
     pub faults: u64,
     /// Messages known to be lost.
     pub lost: u64,
-    /// One per input.
+    /// How far each input is integrated, one for each.
     pub acks: Vec<Ack>,
     /// What it can't go on without: an input that has nothing new, or an output without room; none: it works, or does not say.
     pub waits_for: Option<Topic>,

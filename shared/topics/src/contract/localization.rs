@@ -46,7 +46,7 @@ impl Content for LocalizationFix {
 /// An absolute localization is wanted, of the stamp of the message.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LocalizationRequest {
-    /// 1, 2, 3 …
+    /// The number of the request: 1, 2, 3 …
     pub id: u64,
     /// Where the robot believes to be.
     pub estimate: PoseEstimate,
@@ -59,7 +59,7 @@ pub struct LocalizationRequest {
 pub struct LocalizationFix {
     /// The request that it answers; 0: nobody asked.
     pub request: u64,
-    /// None: that can't be told.
+    /// Where the robot was; none: that can't be told.
     pub fix: Option<Fix>,
 }
 

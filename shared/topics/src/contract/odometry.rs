@@ -44,7 +44,7 @@ impl Content for PoseEstimate {
 /// A pose as the drive reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RawOdometry {
-    /// In the odometry frame.
+    /// The pose of the base in the odometry frame.
     pub odom_from_base: Pose2,
     /// Forward speed, m/s.
     pub v_mps: f64,

@@ -38,7 +38,7 @@ impl Content for TrueWorld {
 /// Where the robot really is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TruePose {
-    /// None: not known at this time.
+    /// The pose of the base in the map; none: not known at this time.
     pub map_from_base: Option<Pose2>,
 }
 

@@ -26,7 +26,7 @@ pub struct Running {
 pub struct Leftover {
     /// The name of the domain that the graph had.
     pub name: String,
-    /// How many files.
+    /// The number of files that are left.
     pub files: usize,
     /// The room that they take.
     pub bytes: u64,
