@@ -10,7 +10,7 @@ pub struct Foreign {
 }
 
 impl Foreign {
-    /// With its article, as in "an HDF5 file".
+    /// The name with its article, as in "an HDF5 file".
     #[must_use]
     pub fn with_article(&self) -> String {
         let is_spoken_with_a_vowel = ["HDF5", "LCM", "SQLite"].iter().any(|word| self.name.starts_with(word))

@@ -13,7 +13,7 @@ pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {found}; expected {expected}")]
 pub struct TextError {
-    /// Counted from 1.
+    /// The number of the line, counted from 1.
     pub line: usize,
     /// What stands there, shortened.
     pub found: String,

@@ -50,7 +50,7 @@ struct Row {
 }
 
 impl Trials {
-    /// Reads a table.
+    /// Reads a table of trials.
     ///
     /// # Errors
     /// When the file can't be read, is longer than [`TRIALS_BYTES_MAX`], or is refused by [`Trials::parse`].

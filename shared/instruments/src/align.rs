@@ -54,7 +54,7 @@ impl Alignment {
         Self { by, moved_m, turned_rad, map_from_world }
     }
 
-    /// None: the map's frame is taken for the world's.
+    /// No alignment: the map's frame is taken for the world's.
     pub fn none() -> Self {
         Self::new(Align::None, Pose2::IDENTITY)
     }

@@ -50,7 +50,7 @@ impl Wall {
         libm::hypot(dx, dy)
     }
 
-    /// From `from` to `to`, radians.
+    /// The direction from `from` to `to`, radians.
     #[must_use]
     pub fn direction_rad(&self) -> f64 {
         libm::atan2(self.to[1] - self.from[1], self.to[0] - self.from[0])
@@ -76,7 +76,7 @@ impl Wall {
 /// The walls of a map's longest corridor, and what of the map lies along them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Walls {
-    /// None, one or two; the first is worth most.
+    /// The walls: none, one or two; the first is worth most.
     pub walls: Vec<Wall>,
     /// What near means, metres.
     pub within_m: f64,
@@ -149,7 +149,7 @@ impl Walls {
         Some(angle_between(a, b))
     }
 
-    /// From the middle of the second wall to the line of the first, metres; none unless there are two.
+    /// The distance from the middle of the second wall to the line of the first, metres; none unless there are two.
     #[must_use]
     pub fn distance_m(&self) -> Option<f64> {
         let [a, b] = self.walls.as_slice() else { return None };

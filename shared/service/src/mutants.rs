@@ -56,7 +56,7 @@ thread_local! {
     static LIVING: std::cell::Cell<Option<Mutant>> = const { std::cell::Cell::new(None) };
 }
 
-/// From now on this thread has this fault, or none.
+/// Gives this thread this fault from now on, or none.
 #[cfg(feature = "mutants")]
 pub fn put_back(mutant: Option<Mutant>) {
     LIVING.set(mutant);

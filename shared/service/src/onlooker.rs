@@ -200,7 +200,7 @@ fn say(mouth: &mut Output, name: &str) -> Result<()> {
     Ok(mouth.ring()?)
 }
 
-/// Who gives orders to the services of a graph.
+/// One who gives orders to the services of a graph.
 #[derive(Debug)]
 pub struct Operator {
     participant: Participant,

@@ -39,7 +39,7 @@ impl Placer {
         }
     }
 
-    /// These readings were heard.
+    /// Takes in a scan: these readings were heard.
     pub fn take_scan(&mut self, stamp_ns: u64, readings: Vec<Reading>) {
         self.scans.push_back((stamp_ns, readings));
         if self.scans.len() > SCANS_KEPT {

@@ -19,6 +19,6 @@ pub use triangulate::{Localization, UNKNOWN_HEADING_VARIANCE_RAD2, triangulate};
 pub struct Landmark {
     /// What sightings call it.
     pub name: String,
-    /// Where it is: x, y in the map frame, metres.
+    /// The place of the landmark: x, y in the map frame, metres.
     pub at: [f64; 2],
 }

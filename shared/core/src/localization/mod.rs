@@ -59,11 +59,11 @@ pub enum Ask {
 pub struct LocalizationConfig {
     /// What it is asked for.
     pub ask: Ask,
-    /// By schedule: after so many metres, by odometry; 0: not by way.
+    /// The way after which a localization is asked for by schedule, metres by odometry; 0: not by way.
     pub every_m: f64,
-    /// By schedule: after so many seconds, by the sensor's clock; 0: not by time.
+    /// The time after which a localization is asked for by schedule, seconds by the sensor's clock; 0: not by time.
     pub every_s: f64,
-    /// After an answer that holds no fix: not before so many seconds have passed.
+    /// The least time to the next request after an answer that holds no fix, seconds.
     pub retry_s: f64,
     /// A fix is refused that is farther off than so many standard deviations; 0: none is.
     pub gate_sigmas: f64,
@@ -159,7 +159,7 @@ pub struct Asking {
 }
 
 impl Asking {
-    /// Before the first estimate.
+    /// Makes it, before the first estimate.
     #[must_use]
     pub fn new(config: &LocalizationConfig) -> Self {
         Self { config: config.clone(), since: None, not_before_ns: 0, urgent: None }

@@ -43,7 +43,7 @@ impl PartialEq for Estimate {
 }
 
 impl Estimate {
-    /// At rest at `pose`, without doubt.
+    /// An estimate at `pose`, without doubt.
     #[must_use]
     pub fn certain(pose: Pose2) -> Self {
         Self {

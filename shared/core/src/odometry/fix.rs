@@ -24,22 +24,22 @@ pub struct Fix {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{field} = {value}: expected {expected}")]
 pub struct FixError {
-    /// What is wrong.
+    /// The field that is wrong.
     pub field: &'static str,
-    /// What it is.
+    /// The value of the field.
     pub value: String,
     /// What would have been right.
     pub expected: &'static str,
 }
 
 impl Fix {
-    /// Without doubt at `pose`.
+    /// A fix at `pose`, without doubt.
     #[must_use]
     pub fn certain(pose: Pose2) -> Self {
         Self { pose, covariance: Matrix3::zeros(), position_known: true, heading_known: true }
     }
 
-    /// At `pose`, known to within these standard deviations, metres along each axis and radians.
+    /// A fix at `pose`, known to within these standard deviations, metres along each axis and radians.
     #[must_use]
     pub fn about(pose: Pose2, position_sigma_m: f64, heading_sigma_rad: f64) -> Self {
         let (position, heading) = (position_sigma_m * position_sigma_m, heading_sigma_rad * heading_sigma_rad);

@@ -46,7 +46,7 @@ impl Gate {
         Self { sigmas: Self::DEFAULT_SIGMAS, refuses: false, places: false }
     }
 
-    /// For the fix that says where the map lies.
+    /// The gate for the fix that says where the map lies.
     #[must_use]
     pub fn placing() -> Self {
         Self { places: true, ..Self::open() }

@@ -53,7 +53,7 @@ pub struct Odometry {
 }
 
 impl Odometry {
-    /// Before the first pose.
+    /// The odometry before the first pose.
     #[must_use]
     pub fn new(config: &OdometryConfig) -> Self {
         Self { model: ErrorModel::new(&config.resolved()), last: None, left_open: (0.0, 0.0), doubted: None }
@@ -235,9 +235,9 @@ impl Odometry {
 /// A fix and an odometry that can't both be right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contradiction {
-    /// From where the robot was believed to be, metres; 0 if the fix has no position.
+    /// How far the fix is from where the robot was believed to be, metres; 0 if it has no position.
     pub off_m: f64,
-    /// From its heading, radians, 0 or more; 0 if the fix has no heading.
+    /// How far the fix is from the heading that was believed, radians, 0 or more; 0 if it has no heading.
     pub off_rad: f64,
     /// The way since the fix before, metres.
     pub travel_m: f64,

@@ -39,7 +39,7 @@ impl NoiseTerms {
         Self { lin_m: deviation.lin_m * lin, ang_rad: deviation.ang_rad * ang }
     }
 
-    /// Not drawn: n = √ε.
+    /// The terms of one standard deviation, n = √ε, which are not drawn.
     #[must_use]
     pub fn one_sigma(errors: &OdometryErrors) -> Self {
         Self { lin_m: errors.eps_lin_m2.sqrt(), ang_rad: errors.eps_ang_rad2.sqrt() }
@@ -94,7 +94,7 @@ impl Draws {
         (self.stream.next_u64() >> 11) as f64 / TWO_TO_53
     }
 
-    /// From N(0, 1).
+    /// Draws from N(0, 1).
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
@@ -106,7 +106,7 @@ impl Draws {
         radius * c
     }
 
-    /// From the exponential distribution of this mean.
+    /// Draws from the exponential distribution of this mean.
     pub fn exponential(&mut self, mean: f64) -> f64 {
         -mean * libm::log(1.0 - self.uniform())
     }

@@ -21,8 +21,8 @@ pub enum Echo {
 pub struct Reading {
     /// Index into the robot's transducers (see [`crate::Robot::transducer`]).
     pub transducer: u16,
-    /// What it heard.
+    /// What the transducer heard.
     pub echo: Echo,
-    /// When it heard it, nanoseconds after the stamp of its scan (sonars fire in turn).
+    /// The time at which it was heard, nanoseconds after the stamp of the scan (sonars fire in turn).
     pub offset_ns: i32,
 }

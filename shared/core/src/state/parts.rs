@@ -18,12 +18,12 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// This part is now `bytes`.
+    /// Sets a part to `bytes`.
     pub fn put(&mut self, name: impl Into<String>, bytes: Vec<u8>) {
         self.changed.insert(name.into(), Some(bytes));
     }
 
-    /// This part is now `bytes`, which [`Saved::checked`] gives back if they are still the same.
+    /// Sets a part to `bytes`, which [`Saved::checked`] gives back if they are still the same.
     pub fn put_checked(&mut self, name: impl Into<String>, mut bytes: Vec<u8>) {
         let name = name.into();
         let checksum = checksum(&name, &bytes);
@@ -31,12 +31,12 @@ impl Parts {
         self.put(name, bytes);
     }
 
-    /// This part is now `value`, which [`Saved::value`] gives back, every bit of it.
+    /// Sets a part to `value`, which [`Saved::value`] gives back, every bit of it.
     pub fn put_value<T: Serialize>(&mut self, name: impl Into<String>, value: &T) {
         self.put_checked(name, to_bytes(value));
     }
 
-    /// This part is gone.
+    /// Removes a part.
     pub fn remove(&mut self, name: impl Into<String>) {
         self.changed.insert(name.into(), None);
     }
@@ -65,7 +65,7 @@ pub struct SavedError {
 }
 
 impl SavedError {
-    /// This is wrong with that part.
+    /// An error that names the part and what is wrong with it.
     #[must_use]
     pub fn new(part: impl Into<String>, problem: impl Into<String>) -> Self {
         Self { part: part.into(), problem: problem.into() }

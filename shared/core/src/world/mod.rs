@@ -37,16 +37,16 @@ pub struct WorldParts {
     pub solid: Option<Solid>,
     /// Places with a name.
     pub places: Places,
-    /// Who walks about in it. They are no surface: [`World::cast`] does not meet them.
+    /// The people who walk about in it. They are no surface: [`World::cast`] does not meet them.
     pub people: Vec<Person>,
 }
 
 /// Places of a world that have a meaning for a robot.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Places {
-    /// Where a robot starts.
+    /// The pose at which a robot starts.
     pub home: Option<Pose2>,
-    /// Where it may be sent.
+    /// The places to which a robot may be sent.
     pub goals: Vec<Goal>,
     /// Lines that it must not cross, though nothing is there to see.
     pub forbidden: Vec<Segment>,
@@ -57,7 +57,7 @@ pub struct Places {
 pub struct Goal {
     /// The name of the place.
     pub name: String,
-    /// Where it is.
+    /// The pose at the place.
     pub pose: Pose2,
     /// Whether the heading of `pose` is part of it.
     pub has_heading: bool,
@@ -92,7 +92,7 @@ pub enum WorldError {
 pub struct RayHit {
     /// From the origin, metres.
     pub distance_m: f64,
-    /// Between the ray and the surface's normal, radians: 0 head-on, π/2 grazing. A point answers head-on to all sides.
+    /// The angle between ray and surface normal, radians: 0 head-on, π/2 grazing. A point answers head-on to all sides.
     pub incidence_rad: f64,
 }
 

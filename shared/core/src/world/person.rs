@@ -7,7 +7,7 @@ use super::{COORDINATE_MAX_M, WorldError};
 pub struct Person {
     /// The path, metres in the map frame; two points or more.
     pub path: Vec<[f64; 2]>,
-    /// How fast, m/s.
+    /// The speed of walking, m/s.
     pub speed_mps: f64,
     /// The radius of the disc that stands for the person, metres.
     pub radius_m: f64,
@@ -20,7 +20,7 @@ impl Person {
         self.path.windows(2).map(|step| length_m(step[0], step[1])).sum()
     }
 
-    /// Where on the path one is after `along_m` from its beginning; kept to its ends.
+    /// The place on the path at `along_m` from its beginning; kept to its ends.
     #[must_use]
     pub fn at(&self, along_m: f64) -> [f64; 2] {
         let mut left_m = along_m;

@@ -32,7 +32,7 @@ pub struct TimedSighting {
     pub stamp_ns: u64,
     /// Index of the landmark in [`Landmarks::all`].
     pub landmark: usize,
-    /// Where the landmark is: x, y in the map frame, metres.
+    /// The place of the landmark: x, y in the map frame, metres.
     pub at: [f64; 2],
     /// Distance from the robot's base, metres, if it was measured. Range or bearing, or both, are there.
     pub range_m: Option<f64>,

@@ -72,7 +72,7 @@ pub struct ClockStep {
     pub line: u64,
     /// Which way the clock stepped.
     pub kind: StepKind,
-    /// By how much, seconds, never negative.
+    /// The size of the step, seconds, never negative.
     pub by_s: f64,
     /// What is counted.
     pub place: Place,
@@ -128,7 +128,7 @@ impl ClockReport {
             .then(|| format!("its clock stood still for {}, so later stamps are not its own", span(self.stood_still_s)))
     }
 
-    /// In words, a sentence for each thing that is odd.
+    /// What is odd in words, a sentence for each.
     #[must_use]
     pub fn remarks(&self) -> Vec<String> {
         if self.order_only {

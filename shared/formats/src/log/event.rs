@@ -35,7 +35,7 @@ pub enum LogEvent {
 }
 
 impl LogEvent {
-    /// When it happened, nanoseconds.
+    /// The stamp of the event, nanoseconds.
     #[must_use]
     pub fn stamp_ns(&self) -> u64 {
         match self {

@@ -12,7 +12,7 @@ use super::{ClockReport, Fault, LogFormat};
 /// What a user says of a log where the log does not.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SurveyOptions {
-    /// In which unit its ranges are; none: told by the ranges themselves.
+    /// The unit of the ranges; none: told by the ranges themselves.
     pub range_unit: Option<RangeUnit>,
     /// Topics of a recording that are used in place of others of their type.
     pub topics: Vec<String>,
@@ -76,7 +76,7 @@ pub struct LogSurvey {
 }
 
 impl LogSurvey {
-    /// From the first event to the last.
+    /// The time from the first event to the last.
     #[must_use]
     pub fn duration(&self) -> Duration {
         Duration::from_nanos(self.last_stamp_ns.saturating_sub(self.first_stamp_ns))

@@ -10,9 +10,9 @@ pub(crate) const CELLS_MAX: u64 = 1 << 28;
 /// A rectangle of occupancy probabilities.
 #[derive(Debug, Clone)]
 pub struct OccupancyMap {
-    /// Cells along x.
+    /// The number of cells along x.
     pub width: usize,
-    /// Cells along y.
+    /// The number of cells along y.
     pub height: usize,
     /// Side of a cell, metres.
     pub resolution_m: f64,

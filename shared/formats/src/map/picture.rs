@@ -85,7 +85,7 @@ pub mod judged {
     pub const FREE_UNDECIDED: [u8; 3] = [222, 222, 222];
     /// A wall, and the map doesn't say.
     pub const WALL_UNDECIDED: [u8; 3] = [110, 110, 110];
-    /// Does not count.
+    /// The colour of what does not count.
     pub const OPEN: [u8; 3] = [255, 255, 255];
 }
 

@@ -54,13 +54,13 @@ const LEVEL: Compression = Compression::new(6);
 pub struct ReadingsDocument {
     /// How they were fused.
     pub mapper: MapperConfig,
-    /// Whose they are.
+    /// The robot whose readings they are.
     pub robot: Robot,
     /// Number and stamp (nanoseconds) of each scan, in order.
     pub scans: Vec<(u64, u64)>,
     /// Older readings that there was no room for.
     pub given_up: u64,
-    /// In the order in which they were fused.
+    /// The readings, in the order in which they were fused.
     pub readings: Vec<KeptReading>,
 }
 
@@ -229,7 +229,7 @@ pub fn write(path: &Path, document: &ReadingsDocument) -> Result<(), MapError> {
     Ok(write_whole(path, &bytes)?)
 }
 
-/// Reads the file.
+/// Reads a file of kept readings.
 ///
 /// # Errors
 /// It can't be read, or is cut, damaged, or something else.

@@ -38,11 +38,11 @@ const FRAME_CELLS_MAX: f64 = 1e8;
 /// One map at one moment.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// What was known.
+    /// The map as it was known.
     pub grid: Grid,
-    /// Where the robot believed to be.
+    /// The pose at which the robot believed to be.
     pub robot: Option<Pose2>,
-    /// Where it was.
+    /// The pose at which the robot was.
     pub true_robot: Option<Pose2>,
     /// What stands on it; may be empty.
     pub label: String,
@@ -53,20 +53,20 @@ pub struct Panel {
 pub struct Row {
     /// What stands above it.
     pub label: String,
-    /// From left to right.
+    /// The panels, from left to right.
     pub panels: Vec<Panel>,
 }
 
 /// The whole sheet.
 #[derive(Debug, Clone)]
 pub struct Sheet<'a> {
-    /// Whose walls are drawn, if they are known.
+    /// The world whose walls are drawn, if they are known.
     pub world: Option<&'a World>,
     /// Lowest and highest corner of what each panel shows, metres.
     pub frame_m: [[f64; 2]; 2],
     /// What stands above the columns.
     pub columns: Vec<String>,
-    /// From top to bottom.
+    /// The rows, from top to bottom.
     pub rows: Vec<Row>,
 }
 

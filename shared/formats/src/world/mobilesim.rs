@@ -25,7 +25,7 @@ enum Section {
     Data,
 }
 
-/// Reads a world.
+/// Reads a world of MobileSim.
 ///
 /// # Errors
 /// When a line is none of the expected.

@@ -53,7 +53,7 @@ const SCHEMA: Schema = Schema {
     single: Some("home"),
 };
 
-/// Reads a world.
+/// Reads a world of echogrid's own.
 ///
 /// # Errors
 /// When the text is no TOML, a key is unknown, missing, or has an impossible value.

@@ -13,7 +13,7 @@ pub struct Evaluate {
     /// Worlds to simulate in: names, files, or ranges of floors drawn by lot, as in floor-101..110.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "floor-101..110")]
     pub worlds: Vec<String>,
-    /// Drives in each.
+    /// The number of drives in each world.
     #[arg(long, default_value_t = 1)]
     pub seeds: u64,
     /// A log that knows where the robot really was, and its world; may be repeated.

@@ -23,13 +23,13 @@ pub struct Ends {
     pub host: Box<dyn Host>,
     /// What it reads, in order, and how many messages each producer may be ahead.
     pub inputs: Vec<(Port, u64)>,
-    /// What it writes.
+    /// The outputs of the service.
     pub outputs: Vec<Output>,
     /// What it says of itself.
     pub mouth: Output,
-    /// Where it hears of the others.
+    /// The port at which it hears of the others.
     pub ear: Port,
-    /// Where it gets orders; none: from nobody.
+    /// The way by which it gets orders; none: from nobody.
     pub orders: Option<Box<dyn Orders>>,
     /// What it goes on from; none: nobody restarts it.
     pub store: Option<Store>,

@@ -49,13 +49,13 @@ pub struct Change {
 }
 
 impl Change {
-    /// This is there from now on.
+    /// A change that puts a value.
     #[must_use]
     pub fn put(table: Table, key: Vec<u8>, value: Vec<u8>) -> Self {
         Self { table, key, value: Some(value) }
     }
 
-    /// Nothing is there any more.
+    /// A change that removes a value.
     #[must_use]
     pub fn remove(table: Table, key: Vec<u8>) -> Self {
         Self { table, key, value: None }

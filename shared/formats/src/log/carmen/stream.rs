@@ -167,7 +167,7 @@ impl LineStream {
         Ok(())
     }
 
-    /// No line follows.
+    /// Ends the log: no line follows.
     ///
     /// # Errors
     /// The lines show no robot that could map.

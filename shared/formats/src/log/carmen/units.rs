@@ -27,7 +27,7 @@ pub enum RangeUnit {
 impl RangeUnit {
     const ALL: [Self; 3] = [Self::Metres, Self::Centimetres, Self::Millimetres];
 
-    /// So many metres.
+    /// The length of one unit, metres.
     #[must_use]
     pub fn metres(self) -> f64 {
         match self {

@@ -26,9 +26,9 @@ pub struct TopicContents {
 pub struct RecordingContents {
     /// Messages in all.
     pub messages: u64,
-    /// When the first of them was recorded, nanoseconds.
+    /// The time at which the first message was recorded, nanoseconds.
     pub first_ns: u64,
-    /// When the last of them was recorded, nanoseconds.
+    /// The time at which the last message was recorded, nanoseconds.
     pub last_ns: u64,
     /// The topics of the recording.
     pub topics: Vec<TopicContents>,

@@ -14,7 +14,7 @@ const FREE: u8 = 254;
 const UNKNOWN: u8 = 205;
 const UNKNOWN_RAW: u8 = 255;
 
-/// From which probability on a cell is occupied or free.
+/// The probabilities from which on a cell is occupied or free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thresholds {
     /// A cell is occupied above this probability.
