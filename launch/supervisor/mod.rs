@@ -211,10 +211,7 @@ impl Supervisor<'_> {
 
     /// Whoever waits for one that has left need not: it may have left before it could be heard.
     fn tell_who_is_gone(&mut self) -> Result<()> {
-        if !std::mem::take(&mut self.services.has_news_of_gone) {
-            return Ok(());
-        }
-        for name in self.services.gone() {
+        for name in self.services.words() {
             self.ports.word.send(0, &Health::new(name, std::process::id(), ServiceState::Gone))?;
         }
         Ok(self.ports.word.ring()?)

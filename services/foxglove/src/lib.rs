@@ -20,8 +20,8 @@ use echogrid_service::plan::DOMAIN_VARIABLE;
 use echogrid_service::signals::Signals;
 use echogrid_service::{in_words, logging};
 use echogrid_topics::{Command, Domain, Topic};
-use foxglove::WebSocketServer;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use foxglove::{WebSocketServer, WebSocketServerHandle};
 use nix::sys::signal::Signal;
 
 use crate::channels::Channels;
@@ -83,19 +83,7 @@ fn run(request: &Request) -> Result<()> {
     let mut onlooker = Onlooker::enter(&domain, NAME, &TOPICS)?;
     let mut channels = Channels::new()?;
     let newcomers = Arc::new(Newcomers(AtomicBool::new(false)));
-    let mut server = WebSocketServer::new()
-        .name(format!("echogrid {}", domain.name()))
-        .bind(request.listen.ip().to_string(), request.listen.port())
-        .listener(Arc::clone(&newcomers) as Arc<dyn ServerListener>);
-    if request.orders {
-        server = server
-            .capabilities([Capability::Services])
-            .supported_encodings(["json"])
-            .services(orders::services(&domain));
-    }
-    let server = server.start_blocking().with_context(|| format!("listening at {}", request.listen))?;
-    let shown = SocketAddr::new(request.listen.ip(), server.port());
-    say(&format!("ws://{shown}"))?;
+    let server = listen(request, &domain, &newcomers)?;
     let mut show = Show::new(MAP_EVERY);
     loop {
         let is_over = signals.next()?.is_some();
@@ -108,12 +96,7 @@ fn run(request: &Request) -> Result<()> {
             break;
         }
         if onlooker.misses_tiles() {
-            // It is asked for again as long as tiles are missing.
-            let operator = Operator::enter(&domain, NAME);
-            let asked = operator.and_then(|operator| operator.order("mapper", Command::Tiles, orders::DONE_WITHIN));
-            if let Err(error) = asked {
-                tracing::debug!("asking for the whole map: {}", in_words(&error));
-            }
+            ask_for_the_map(&domain);
         }
         onlooker.wait(&signals)?;
         if lifeline.as_ref().is_some_and(Lifeline::is_cut) {
@@ -122,6 +105,33 @@ fn run(request: &Request) -> Result<()> {
     }
     server.stop().wait_blocking();
     Ok(())
+}
+
+/// Opens the door, and says where it is.
+fn listen(request: &Request, domain: &Domain, newcomers: &Arc<Newcomers>) -> Result<WebSocketServerHandle> {
+    let mut server = WebSocketServer::new()
+        .name(format!("echogrid {}", domain.name()))
+        .bind(request.listen.ip().to_string(), request.listen.port())
+        .listener(Arc::clone(newcomers) as Arc<dyn ServerListener>);
+    if request.orders {
+        server = server
+            .capabilities([Capability::Services])
+            .supported_encodings(["json"])
+            .services(orders::services(domain));
+    }
+    let server = server.start_blocking().with_context(|| format!("listening at {}", request.listen))?;
+    let shown = SocketAddr::new(request.listen.ip(), server.port());
+    say(&format!("ws://{shown}"))?;
+    Ok(server)
+}
+
+/// It is asked for again as long as tiles are missing.
+fn ask_for_the_map(domain: &Domain) {
+    let operator = Operator::enter(domain, NAME);
+    let asked = operator.and_then(|operator| operator.order("mapper", Command::Tiles, orders::DONE_WITHIN));
+    if let Err(error) = asked {
+        tracing::debug!("asking for the whole map: {}", in_words(&error));
+    }
 }
 
 fn choose(named: Option<&str>) -> Result<Domain> {

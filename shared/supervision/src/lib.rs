@@ -17,6 +17,7 @@ mod signs;
 mod tests;
 mod unit;
 mod wiring;
+mod words;
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -33,6 +34,7 @@ pub use life::{End, Life, Process};
 pub use signs::Usage;
 pub use unit::{Stage, Unit};
 pub use wiring::Wiring;
+use words::Words;
 
 /// What a graph may take to save and leave when it is asked to.
 const LEAVE_WITHIN: Duration = Duration::from_secs(10);
@@ -86,7 +88,8 @@ pub struct Supervision<P> {
     /// The shared memory of the graph has to be made anew.
     pub is_broken: bool,
     /// Whoever waits for a service that has left for good has to be told: it may have left before it could be heard.
-    pub has_news_of_gone: bool,
+    has_news_of_gone: bool,
+    words: Words,
     /// Whether the user ended the run.
     pub stopped: bool,
     /// Whether the user did so twice: nobody is waited for.
@@ -134,6 +137,7 @@ impl<P: Process> Supervision<P> {
             is_unclean: false,
             is_broken: false,
             has_news_of_gone: false,
+            words: Words::new(now),
             stopped: false,
             abandoned: false,
             failures: Vec::new(),

@@ -164,14 +164,34 @@ fn a_run_that_the_user_ends_is_done_when_all_have_left() {
 fn who_says_that_it_is_done_is_waited_for_no_longer() {
     let (mut graph, system) = graph(SupervisionConfig::default());
     say(&mut graph, 3, ServiceState::Draining);
-    graph.has_news_of_gone = false;
+    assert!(graph.words().is_empty());
     say(&mut graph, 3, ServiceState::Finished);
-    assert!(graph.has_news_of_gone);
-    assert_eq!(graph.gone().collect::<Vec<_>>(), ["publisher"]);
+    assert_eq!((graph.words(), graph.words()), (vec!["publisher".to_owned()], Vec::new()));
     // Of another, which said the same, nobody heard it: one comes in its place, and those upstream are still there.
     ends(&mut graph, &system, 2, End::Code(0));
     assert_eq!(graph.gone().collect::<Vec<_>>(), ["publisher"]);
     assert!(matches!(graph.units[2].stage, Stage::Waiting(_)));
+}
+
+/// Queues are short, and a reader may have been stopped.
+#[test]
+fn who_is_gone_is_said_again_until_nobody_is_left_to_hear_it() {
+    let (mut graph, system) = graph(SupervisionConfig::default());
+    let mut said = Vec::new();
+    for index in [3, 2, 1] {
+        say(&mut graph, index, ServiceState::Finished);
+        ends(&mut graph, &system, index, End::Code(0));
+        said = graph.words();
+    }
+    assert_eq!(said, ["publisher", "mapper", "odometry"], "the last to go comes last");
+    let mut again = Vec::new();
+    for _ in 0..3 {
+        assert!(graph.words().is_empty());
+        let later = graph.now() + Duration::from_millis(500);
+        graph.is_now(later);
+        again.extend(graph.words());
+    }
+    assert_eq!(again, ["publisher", "mapper", "odometry", "publisher", "mapper", "odometry"]);
 }
 
 /// The odometry waits for answers: a localizer that left before it would leave it waiting.

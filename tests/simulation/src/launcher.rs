@@ -158,10 +158,7 @@ impl Launcher {
     }
 
     fn tell_who_is_gone(&mut self) -> Result<()> {
-        if !std::mem::take(&mut self.services.has_news_of_gone) {
-            return Ok(());
-        }
-        for name in self.services.gone() {
+        for name in self.services.words() {
             self.word.send(0, &Message::Health(Health::new(name, self.process, ServiceState::Gone)))?;
         }
         Ok(self.word.ring()?)
