@@ -72,8 +72,8 @@ pub(super) fn check_places(earlier: Option<&Path>, contradictions: Option<&Incid
     let (Some(file), Some(contradicted)) = (earlier, contradictions) else { return Ok(()) };
     let (file, count) = (file.display(), contradicted.count);
     bail!(
-        "{file}: {count} times the robot was found in it where the odometry says that it is not ({}): places there look alike, or it is \
-         another building. The map of both that was saved is not to be trusted; the earlier one is as it was",
+        "{file}: {count} times the robot was found in it where the odometry says that it is not ({}): places there look alike, it is \
+         another building, or the odometry is worse than it is said to be (docs/calibration.md). The map of both that was saved is not to be trusted; the earlier one is as it was",
         contradicted.words()
     )
 }

@@ -93,13 +93,13 @@ pub enum Route {
     /// Where it is told to, at the speed it is told to.
     Commands,
     /// To these places, one after the other.
-    Places(Vec<Place>),
+    Places(Vec<Waypoint>),
 }
 
 /// A place to drive to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
-pub enum Place {
+pub enum Waypoint {
     /// A goal of the world.
     Goal(String),
     /// x and y, metres in the map frame.
@@ -111,7 +111,7 @@ pub enum Place {
 #[serde(untagged)]
 enum RawRoute {
     Word(String),
-    Places(Vec<Place>),
+    Places(Vec<Waypoint>),
 }
 
 /// A word that is no route.
@@ -198,7 +198,7 @@ impl SimulatorConfig {
         let route = match &self.route {
             Route::Places(places) => {
                 let finite =
-                    |place: &Place| !matches!(place, Place::Point([x, y]) if !(x.is_finite() && y.is_finite()));
+                    |place: &Waypoint| !matches!(place, Waypoint::Point([x, y]) if !(x.is_finite() && y.is_finite()));
                 !places.is_empty() && places.iter().all(finite)
             }
             Route::Tour | Route::Commands => true,
@@ -271,7 +271,7 @@ mod tests {
         check(&|c| c.start = vec![1.0], "start = [1.0]: expected [], [x, y] or");
         check(&|c| c.start = vec![f64::NAN, 0.0], "start = [NaN, 0.0]");
         check(&|c| c.route = Route::Places(vec![]), "route = […]: expected \"tour\"");
-        check(&|c| c.route = Route::Places(vec![Place::Point([0.0, f64::INFINITY])]), "route");
+        check(&|c| c.route = Route::Places(vec![Waypoint::Point([0.0, f64::INFINITY])]), "route");
         check(&|c| c.firing_order = vec![vec![0], vec![0]], "firing_order = [[0], [0]]: expected");
         check(&|c| c.firing_order = vec![vec![]], "firing_order");
         check(&|c| c.rays = 0, "rays = 0");

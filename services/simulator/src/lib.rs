@@ -51,7 +51,7 @@ use echogrid_service::{Declaration, process};
 use echogrid_topics::Topic;
 
 pub use cause::{Cause, Heard, IncidenceTable};
-pub use config::{Place, Route, SimulatorConfig};
+pub use config::{Route, SimulatorConfig, Waypoint};
 pub use drive::{Drive, Motion, STEP_S};
 pub use error::SimulatorError;
 pub use fault::{Fault, FaultKind};

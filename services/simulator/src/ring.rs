@@ -6,7 +6,7 @@ use echogrid_core::{Pose2, Reading, Robot, SensorKind};
 use crate::cause::Heard;
 use crate::config::SimulatorConfig;
 use crate::error::SimulatorError;
-use crate::sonar::{Acoustics, Place, SPEED_OF_SOUND, Scene, Sonar};
+use crate::sonar::{Acoustics, SPEED_OF_SOUND, Scene, Sonar, SonarPose};
 
 /// All sonars of a robot in their firing order.
 #[derive(Debug, Clone)]
@@ -18,7 +18,7 @@ pub(crate) struct Ring {
     /// The slot that fires next.
     next: usize,
     /// Where those of the slot before were, as they fired.
-    before: Vec<(usize, Place)>,
+    before: Vec<(usize, SonarPose)>,
     readings: Vec<Reading>,
     /// The truth about them.
     pub(crate) heard: Vec<Heard>,
@@ -134,7 +134,7 @@ impl Ring {
         let slot = &self.slots[self.next];
         let earlier = &self.slots[(self.next + self.slots.len() - 1) % self.slots.len()];
         let late_m = self.late_m();
-        let places: Vec<Place> = slot.iter().map(|firing| firing.sonar.place(map_from_base)).collect();
+        let places: Vec<SonarPose> = slot.iter().map(|firing| firing.sonar.place(map_from_base)).collect();
         for (index, firing) in slot.iter().enumerate() {
             let together = firing.together.iter().map(|other| (&slot[*other].sonar, places[*other], 0.0));
             let before = self.before.iter().filter(|(other, _)| firing.before.contains(other));

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use echogrid_core::{Pose2, World, wrap_angle};
 
-use crate::config::{Place, Route, SimulatorConfig};
+use crate::config::{Route, SimulatorConfig, Waypoint};
 use crate::drive::{Command, Drive};
 use crate::error::SimulatorError;
 use crate::people::Disc;
@@ -49,8 +49,8 @@ pub(crate) fn stops(config: &SimulatorConfig, world: &World) -> Result<Vec<Stop>
         Route::Places(places) => places
             .iter()
             .map(|place| match place {
-                Place::Point([x, y]) => Ok(Stop { name: format!("place [{x}, {y}]"), place: [*x, *y], theta: None }),
-                Place::Goal(name) => goals
+                Waypoint::Point([x, y]) => Ok(Stop { name: format!("place [{x}, {y}]"), place: [*x, *y], theta: None }),
+                Waypoint::Goal(name) => goals
                     .iter()
                     .find(|goal| goal.name == *name)
                     .map(stop)

@@ -93,7 +93,7 @@ struct Ray {
 
 /// Where a sonar is in the world, with cosine and sine of its heading.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Place {
+pub(crate) struct SonarPose {
     at: [f64; 2],
     axis: [f64; 2],
 }
@@ -189,7 +189,7 @@ impl Sonar {
         (limit_m + late_m + 1.0).min(self.audible_m)
     }
 
-    fn fan<'a>(&self, scene: &Scene<'a>, place: Place, max_m: f64) -> Fan<'a> {
+    fn fan<'a>(&self, scene: &Scene<'a>, place: SonarPose, max_m: f64) -> Fan<'a> {
         Fan::new(scene.world, scene.vicinity, place.at, place.axis, &self.cone, max_m)
     }
 
@@ -200,10 +200,10 @@ impl Sonar {
         apart.abs() < 0.5 * (a.aperture_rad + b.aperture_rad)
     }
 
-    pub(crate) fn place(&self, map_from_base: Pose2) -> Place {
+    pub(crate) fn place(&self, map_from_base: Pose2) -> SonarPose {
         let Pose2 { x, y, theta } = map_from_base * self.transducer.base_from_transducer;
         let (sin, cos) = libm::sincos(theta);
-        Place { at: [x, y], axis: [cos, sin] }
+        SonarPose { at: [x, y], axis: [cos, sin] }
     }
 
     fn gain(&self, axis: [f64; 2], direction: [f64; 2]) -> f64 {
@@ -222,8 +222,8 @@ impl Sonar {
         &self,
         acoustics: &Acoustics,
         scene: &Scene<'_>,
-        place: Place,
-        others: &[(&Self, Place, f64)],
+        place: SonarPose,
+        others: &[(&Self, SonarPose, f64)],
         draws: &mut Draws,
     ) -> (Reading, Heard) {
         let (mut best, ahead) = self.own(acoustics, scene, place);
@@ -255,7 +255,7 @@ impl Sonar {
     }
 
     /// The nearest echo of its own sound that it hears, and what its axis meets.
-    fn own(&self, acoustics: &Acoustics, scene: &Scene<'_>, place: Place) -> (Option<Found>, Option<Meeting>) {
+    fn own(&self, acoustics: &Acoustics, scene: &Scene<'_>, place: SonarPose) -> (Option<Found>, Option<Meeting>) {
         let range_max_m = self.transducer.range_max_m;
         let mut best: Option<Found> = None;
         let mut limit_m = range_max_m;
@@ -302,7 +302,7 @@ impl Sonar {
     }
 
     /// The nearest corner that it hears, nearer than `limit_m`.
-    fn corner(&self, scene: &Scene<'_>, fan: &Fan<'_>, place: Place, limit_m: f64) -> Option<Found> {
+    fn corner(&self, scene: &Scene<'_>, fan: &Fan<'_>, place: SonarPose, limit_m: f64) -> Option<Found> {
         let mut best: Option<Found> = None;
         for corner in scene.corners {
             let there = [corner.at[0] - place.at[0], corner.at[1] - place.at[1]];
@@ -364,9 +364,9 @@ impl Sonar {
         &self,
         acoustics: &Acoustics,
         scene: &Scene<'_>,
-        place: Place,
+        place: SonarPose,
         other: &Self,
-        other_place: Place,
+        other_place: SonarPose,
         late_m: f64,
         limit_m: f64,
     ) -> Option<f64> {

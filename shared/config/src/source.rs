@@ -14,12 +14,12 @@ pub(crate) const TEXT_BYTES_MAX: usize = 1 << 20;
 
 /// A text that settings are read from.
 pub(crate) struct Source {
-    place: Place,
+    place: SourceText,
     /// What relative paths are relative to; none: they stay as they are.
     base: Option<PathBuf>,
 }
 
-enum Place {
+enum SourceText {
     File { name: Arc<str>, line_ends: Vec<usize> },
     Argument(Arc<str>),
 }
@@ -27,20 +27,20 @@ enum Place {
 impl Source {
     pub(crate) fn file(name: &str, text: &str, base: Option<&Path>) -> Self {
         let line_ends = text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(at, _)| at).collect();
-        Self { place: Place::File { name: name.into(), line_ends }, base: base.map(Path::to_path_buf) }
+        Self { place: SourceText::File { name: name.into(), line_ends }, base: base.map(Path::to_path_buf) }
     }
 
     pub(crate) fn argument(argument: &str, base: Option<&Path>) -> Self {
-        Self { place: Place::Argument(argument.into()), base: base.map(Path::to_path_buf) }
+        Self { place: SourceText::Argument(argument.into()), base: base.map(Path::to_path_buf) }
     }
 
     pub(crate) fn origin(&self, span: &Range<usize>) -> Origin {
         match &self.place {
-            Place::File { name, line_ends } => Origin::File {
+            SourceText::File { name, line_ends } => Origin::File {
                 name: Arc::clone(name),
                 line: line_ends.partition_point(|end| *end < span.start).saturating_add(1),
             },
-            Place::Argument(argument) => Origin::Argument(Arc::clone(argument)),
+            SourceText::Argument(argument) => Origin::Argument(Arc::clone(argument)),
         }
     }
 

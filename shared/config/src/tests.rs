@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use echogrid_core::config::{Limit, LimitWord, SonarSelection, Systematic};
-use echogrid_simulator::{Place, Route};
+use echogrid_simulator::{Route, Waypoint};
 use proptest::prelude::*;
 
 use super::*;
@@ -319,7 +319,7 @@ fn what_is_simulated_is_a_pioneer_unless_another_robot_is_named() {
     assert_eq!(robot("[services.sensor]\nexec = \"builtin:simulator\"\n", "replay").0, None);
     let named = load("[simulator]\nroute = [\"Kitchen\", [1, 2.5]]\nworld = \"floor.map\"\n", &[]).unwrap();
     let simulator = &named.config().simulator;
-    let places = vec![Place::Goal("Kitchen".to_owned()), Place::Point([1.0, 2.5])];
+    let places = vec![Waypoint::Goal("Kitchen".to_owned()), Waypoint::Point([1.0, 2.5])];
     assert_eq!(simulator.route, Route::Places(places));
     assert!(simulator.world.starts_with('/') && simulator.world.ends_with("/floor.map"), "{}", simulator.world);
 }

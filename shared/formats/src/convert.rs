@@ -117,13 +117,13 @@ pub enum ConvertError {
 
 /// What goes in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Input {
+enum Given {
     NativeMap,
     MapServer,
     Log,
 }
 
-impl Input {
+impl Given {
     fn name(self) -> &'static str {
         match self {
             Self::NativeMap => "a native map",
@@ -168,18 +168,18 @@ pub fn convert_with(input: &Path, output: &Path, options: log::SurveyOptions) ->
         });
     }
     match kind {
-        Input::NativeMap => convert_native(input, output, &extension),
-        Input::MapServer => convert_map_server(input, output, &extension),
-        Input::Log => convert_log(input, output, extension.ends_with(".gz"), options),
+        Given::NativeMap => convert_native(input, output, &extension),
+        Given::MapServer => convert_map_server(input, output, &extension),
+        Given::Log => convert_log(input, output, extension.ends_with(".gz"), options),
     }
 }
 
-fn kind_of(input: &Path) -> Result<Input, ConvertError> {
+fn kind_of(input: &Path) -> Result<Given, ConvertError> {
     let unknown = |why: String| ConvertError::UnknownInput { path: input.to_path_buf(), why };
     match kind::kind_of(input) {
-        Ok(Kind::NativeMap) => Ok(Input::NativeMap),
-        Ok(Kind::MapServer) => Ok(Input::MapServer),
-        Ok(Kind::Log(_)) => Ok(Input::Log),
+        Ok(Kind::NativeMap) => Ok(Given::NativeMap),
+        Ok(Kind::MapServer) => Ok(Given::MapServer),
+        Ok(Kind::Log(_)) => Ok(Given::Log),
         Ok(Kind::Foreign(kind)) => Err(unknown(format!("it is {}; {}", kind.with_article(), kind.advice))),
         Ok(Kind::KeptReadings) => Err(unknown("it holds the readings that a map is made of".into())),
         Ok(Kind::MobileSimWorld | Kind::Toml) => Err(unknown("it is a world or settings".into())),
@@ -205,7 +205,7 @@ fn extension(path: &Path) -> String {
 fn convert_native(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
     let document = native::read(input)?;
     let mut report = ConvertReport {
-        input: Input::NativeMap.name().into(),
+        input: Given::NativeMap.name().into(),
         written: Vec::new(),
         lost: Vec::new(),
         remarks: Vec::new(),
@@ -246,7 +246,7 @@ fn drawn(document: MapDocument, report: &mut ConvertReport) -> Result<MapDocumen
 fn convert_map_server(input: &Path, output: &Path, extension: &str) -> Result<ConvertReport, ConvertError> {
     let (_, map) = map_server::read(input)?;
     let mut report = ConvertReport {
-        input: Input::MapServer.name().into(),
+        input: Given::MapServer.name().into(),
         written: Vec::new(),
         lost: Vec::new(),
         remarks: Vec::new(),

@@ -109,7 +109,7 @@ impl Trials {
 
 /// A line that is neither blank nor a comment.
 struct Line<'a> {
-    /// Counted from 1.
+    /// CountedBy from 1.
     number: usize,
     text: &'a str,
     words: Vec<&'a str>,

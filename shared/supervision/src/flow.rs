@@ -41,7 +41,7 @@ fn by_topic(
 
 /// A service's place in the graph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct FlowPosition {
     /// 0 for sources; who reads a stream comes after who writes it.
     pub rank: usize,
     /// Whether the end of a stream reaches it; who is not told is asked to end when the others have.
@@ -51,7 +51,7 @@ pub struct Place {
 /// The place of each service. Streams go round where services command those upstream: a source comes first whatever it reads,
 /// and of what else goes round, who comes first by name.
 #[must_use]
-pub fn places(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, Place> {
+pub fn places(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<String, FlowPosition> {
     let is_source = |name: &str| services.get(name).is_some_and(|service| service.as_ref().source);
     let mut upstream: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for (name, service) in services {
@@ -86,7 +86,10 @@ pub fn places(services: &BTreeMap<String, impl AsRef<Wiring>>) -> BTreeMap<Strin
         let rank = if told.contains(name) || !is_first_untold && after > 0 { after } else { last };
         ranks.insert(name, rank);
     }
-    ranks.into_iter().map(|(name, rank)| (name.to_owned(), Place { rank, is_told: told.contains(name) })).collect()
+    ranks
+        .into_iter()
+        .map(|(name, rank)| (name.to_owned(), FlowPosition { rank, is_told: told.contains(name) }))
+        .collect()
 }
 
 fn is_stream(topic: &str) -> bool {

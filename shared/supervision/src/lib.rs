@@ -29,7 +29,7 @@ use echogrid_service::mutants::Mutant;
 use echogrid_topics::{Health, Topic};
 use ending::Ending;
 pub use event::Event;
-pub use flow::{Place, consumers, onlookers, places, writers};
+pub use flow::{FlowPosition, consumers, onlookers, places, writers};
 pub use life::{End, Life, Process};
 pub use signs::Usage;
 pub use unit::{Stage, Unit};
@@ -128,7 +128,7 @@ impl<P: Process> Supervision<P> {
     pub fn new(services: &[(String, Role)], settings: Settings, now: Instant) -> Self {
         let by_name: BTreeMap<String, Role> = services.iter().cloned().collect();
         let places = places(&by_name);
-        let place = |name: &String| places.get(name).copied().unwrap_or(Place { rank: 0, is_told: false });
+        let place = |name: &String| places.get(name).copied().unwrap_or(FlowPosition { rank: 0, is_told: false });
         let mut units: Vec<Unit<P>> =
             services.iter().map(|(name, role)| Unit::new(name, role.clone(), place(name), now)).collect();
         units.sort_by_key(|unit| unit.place.rank);

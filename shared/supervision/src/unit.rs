@@ -6,7 +6,7 @@ use std::time::Instant;
 use echogrid_topics::{Health, ServiceState};
 
 use crate::Role;
-use crate::flow::Place;
+use crate::flow::FlowPosition;
 use crate::life::{Life, Process};
 
 /// Starts in a row that found no graph to enter, after which the graph itself is taken for broken.
@@ -31,7 +31,7 @@ pub struct Unit<P> {
     /// The name of the service in the graph.
     pub name: String,
     /// The place of the service in the flow of streams.
-    pub place: Place,
+    pub place: FlowPosition,
     pub(crate) role: Role,
     /// The stage of its lives that the service is in.
     pub stage: Stage,
@@ -49,7 +49,7 @@ pub struct Unit<P> {
 }
 
 impl<P: Process> Unit<P> {
-    pub(crate) fn new(name: &str, role: Role, place: Place, now: Instant) -> Self {
+    pub(crate) fn new(name: &str, role: Role, place: FlowPosition, now: Instant) -> Self {
         Self {
             name: name.into(),
             place,

@@ -8,7 +8,7 @@ use std::os::fd::BorrowedFd;
 use crate::content::Content;
 use crate::contract::{Ack, Fault, Health, Message};
 use crate::participant::{Participant, TopicError};
-use crate::place::{Place, Step};
+use crate::read_position::{ReadPosition, Step};
 use crate::shared_memory;
 use crate::topic::Topic;
 use crate::window::Window;
@@ -311,7 +311,7 @@ impl<M> Received<M> {
 pub struct Input<M = Message> {
     topic: Topic,
     mailbox: Box<dyn Mailbox<M>>,
-    place: Place,
+    place: ReadPosition,
 }
 
 impl Input {
@@ -338,7 +338,7 @@ impl<M> Input<M> {
     /// An input over something that messages arrive in.
     #[must_use]
     pub fn over(mailbox: Box<dyn Mailbox<M>>, topic: Topic) -> Self {
-        Self { topic, mailbox, place: Place::default() }
+        Self { topic, mailbox, place: ReadPosition::default() }
     }
 
     /// The topic that is read.
@@ -350,7 +350,7 @@ impl<M> Input<M> {
     /// Goes on after message `sequence` of the run `epoch`, whose stamp was `stamp_ns`: nothing before is new, and another
     /// run's is a fault.
     pub fn resume(&mut self, epoch: u64, sequence: u64, stamp_ns: u64) {
-        self.place = Place::after(epoch, sequence, stamp_ns);
+        self.place = ReadPosition::after(epoch, sequence, stamp_ns);
     }
 
     /// Readable when there may be something new; none where nobody could wait for it.

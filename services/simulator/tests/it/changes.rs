@@ -1,7 +1,7 @@
 //! A world that changes while the robot is not looking.
 
 use echogrid_core::{GridMapper, MapperConfig, Pose2, Segment};
-use echogrid_simulator::{Place, Route, SimulatorConfig};
+use echogrid_simulator::{Route, SimulatorConfig, Waypoint};
 
 use crate::mapped::Drive;
 use crate::support::{line, pioneer, pioneer_config, world};
@@ -24,7 +24,7 @@ fn found(config: &MapperConfig, stays: &[(bool, usize)]) -> Vec<f64> {
     for (has_wall, laps) in stays {
         let world = world(&room(*has_wall));
         let around = [[1.0, 1.0], [7.0, 1.0], [7.0, 4.0], [1.0, 4.0]];
-        let route = (0..*laps).flat_map(|_| around).chain([around[0]]).map(Place::Point).collect();
+        let route = (0..*laps).flat_map(|_| around).chain([around[0]]).map(Waypoint::Point).collect();
         let start = vec![1.0, 1.0, 0.0];
         let config = SimulatorConfig { route: Route::Places(route), start, ..pioneer_config("room") };
         let drive = Drive::of(&config, &world, pioneer(), Pose2::new(1.0, 1.0, 0.0));

@@ -3,7 +3,7 @@
 use echogrid_core::world::WorldParts;
 use echogrid_core::{Person, Pose2, World};
 use echogrid_service::Sensor as _;
-use echogrid_simulator::{Motion, Place, Route, Simulator, SimulatorConfig};
+use echogrid_simulator::{Motion, Route, Simulator, SimulatorConfig, Waypoint};
 use echogrid_topics::Message;
 
 use crate::support::{exact, line, named, pioneer, pioneer_config, sonars};
@@ -56,7 +56,7 @@ fn corridor(path: Vec<[f64; 2]>, speed_mps: f64) -> World {
 }
 
 fn from_left(route: &[[f64; 2]]) -> SimulatorConfig {
-    let route = Route::Places(route.iter().map(|place| Place::Point(*place)).collect());
+    let route = Route::Places(route.iter().map(|place| Waypoint::Point(*place)).collect());
     SimulatorConfig { start: vec![1.0, 1.5, 0.0], route, ..pioneer_config("corridor") }
 }
 

@@ -1,7 +1,7 @@
 //! What is wrong with a world, a route or a robot is told before anything moves, with what to do about it.
 
 use echogrid_core::Robot;
-use echogrid_simulator::{Place, Route, Simulator, SimulatorConfig, world_of};
+use echogrid_simulator::{Route, Simulator, SimulatorConfig, Waypoint, world_of};
 
 use crate::support::{line, named, pioneer, pioneer_config, sonars, world};
 
@@ -10,7 +10,7 @@ fn told(config: &SimulatorConfig, robot: Robot) -> String {
 }
 
 fn to(goal: &str) -> Route {
-    Route::Places(vec![Place::Goal(goal.to_owned())])
+    Route::Places(vec![Waypoint::Goal(goal.to_owned())])
 }
 
 #[test]
@@ -35,7 +35,7 @@ fn every_problem_names_its_key_and_what_was_expected() {
         &["office has no goal \"End of corridor\"", "one of \"Room with", "did you mean \"End of the corridor\"?"],
     );
     check(
-        SimulatorConfig { route: Route::Places(vec![Place::Point([30.0, 6.0])]), ..office() },
+        SimulatorConfig { route: Route::Places(vec![Waypoint::Point([30.0, 6.0])]), ..office() },
         &["place [30, 6] of office can't be reached from (1.00, 6.00)", "keeps 0.45 m from walls"],
     );
     check(

@@ -1,7 +1,7 @@
 //! What the map of a drive is worth that goes round and round.
 
 use echogrid_core::{GridMapper, MapperConfig};
-use echogrid_simulator::{Place, Route, SimulatorConfig};
+use echogrid_simulator::{Route, SimulatorConfig, Waypoint};
 
 use crate::mapped::Drive;
 use crate::support::{named, pioneer, pioneer_config};
@@ -10,7 +10,7 @@ use crate::support::{named, pioneer, pioneer_config};
 fn bits_of_laps(world_name: &str, laps: usize, mappers: &[MapperConfig]) -> Vec<Vec<f64>> {
     let world = named(world_name);
     let goals = &world.parts().places.goals;
-    let route = (0..laps).flat_map(|_| goals.iter().map(|goal| Place::Goal(goal.name.clone()))).collect();
+    let route = (0..laps).flat_map(|_| goals.iter().map(|goal| Waypoint::Goal(goal.name.clone()))).collect();
     let config = SimulatorConfig { route: Route::Places(route), ..pioneer_config(world_name) };
     let drive = Drive::of(&config, &world, pioneer(), goals.last().unwrap().pose);
     assert_eq!(drive.laps.len(), laps);

@@ -3,7 +3,7 @@
 use echogrid_core::{Echo, Robot};
 use echogrid_formats::log::{self, LogEvent};
 use echogrid_service::{Sensor as _, conformance};
-use echogrid_simulator::{Cause, Place, Route, Simulator, SimulatorConfig};
+use echogrid_simulator::{Cause, Route, Simulator, SimulatorConfig, Waypoint};
 use echogrid_topics::Message;
 
 use crate::support::{laser, named, pioneer, pioneer_config, standing};
@@ -25,7 +25,7 @@ fn it_keeps_the_promises_of_a_sensor() {
 
 #[test]
 fn a_whole_drive_ends_by_itself_with_odometry() {
-    let config = SimulatorConfig { route: Route::Places(vec![Place::Point([2.0, 1.0])]), ..pioneer_config("room") };
+    let config = SimulatorConfig { route: Route::Places(vec![Waypoint::Point([2.0, 1.0])]), ..pioneer_config("room") };
     let mut simulator = Simulator::new(&config, named("room"), pioneer()).unwrap();
     let mut last = None;
     let mut last_scan_ns = 0;

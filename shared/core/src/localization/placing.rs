@@ -13,7 +13,7 @@ const APART_SIGMAS: f64 = 10.0;
 
 /// A position that a fix told, without a heading.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct Place {
+struct PositionFix {
     odom_from_base: Pose2,
     fix: Fix,
 }
@@ -21,7 +21,7 @@ struct Place {
 /// What has been told so far.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Placing {
-    first: Option<Place>,
+    first: Option<PositionFix>,
 }
 
 impl Placing {
@@ -31,7 +31,7 @@ impl Placing {
             return Some(*fix);
         }
         let Some(first) = self.first else {
-            self.first = Some(Place { odom_from_base, fix: *fix });
+            self.first = Some(PositionFix { odom_from_base, fix: *fix });
             return None;
         };
         let apart_m = first.odom_from_base.distance_m(odom_from_base);

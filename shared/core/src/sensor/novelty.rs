@@ -20,7 +20,7 @@ const LEVER_M: f64 = 1.0;
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Novelty {
     /// By number of the transducer.
-    places: Vec<Option<Place>>,
+    places: Vec<Option<Stay>>,
     /// The last distance: what it is between, and how far that is. The beams of a lidar share it.
     #[serde(skip)]
     last_way: Option<([f64; 4], f64)>,
@@ -28,7 +28,7 @@ pub struct Novelty {
 
 /// Where a transducer has been speaking from.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct Place {
+struct Stay {
     begun: Pose2,
     /// How far it has got from there.
     farthest_m: f64,
@@ -46,8 +46,7 @@ impl Novelty {
         if self.places.len() <= index {
             self.places.resize(index + 1, None);
         }
-        let place =
-            self.places[index].get_or_insert(Place { begun: map_from_transducer, farthest_m: 0.0, budget: 1.0 });
+        let place = self.places[index].get_or_insert(Stay { begun: map_from_transducer, farthest_m: 0.0, budget: 1.0 });
         let turned = wrap_angle(map_from_transducer.theta - place.begun.theta).abs();
         let between = [place.begun.x, place.begun.y, map_from_transducer.x, map_from_transducer.y];
         let way_m = match self.last_way {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{ConvertError, ConvertReport, Input, extension, kind_of, refuse_same};
+use super::{ConvertError, ConvertReport, Given, extension, kind_of, refuse_same};
 use crate::map::{doubt, facing, native};
 use crate::near::near_word;
 use crate::whole_file::write_whole;
@@ -33,7 +33,7 @@ impl MapLayer {
 /// The input is no native map or lacks the layer, the output is of another kind, or can't be written.
 pub fn convert_layer(input: &Path, output: &Path, layer: MapLayer) -> Result<ConvertReport, ConvertError> {
     let (kind, extension) = (kind_of(input)?, extension(output));
-    if kind != Input::NativeMap {
+    if kind != Given::NativeMap {
         return Err(ConvertError::NoLayers { path: input.to_path_buf(), input: kind.name() });
     }
     refuse_same(input, output)?;
@@ -61,7 +61,7 @@ pub fn convert_layer(input: &Path, output: &Path, layer: MapLayer) -> Result<Con
     };
     write_whole(output, &bytes)?;
     Ok(ConvertReport {
-        input: format!("the {} of {}", layer.name(), Input::NativeMap.name()),
+        input: format!("the {} of {}", layer.name(), Given::NativeMap.name()),
         written: vec![output.to_path_buf()],
         lost: Vec::new(),
         remarks: Vec::new(),

@@ -7,7 +7,7 @@ use crate::text::{TextError, quoted};
 
 /// A line that is neither blank nor a comment.
 pub(super) struct Row<'a> {
-    /// Counted from 1.
+    /// CountedBy from 1.
     pub(super) line: usize,
     text: &'a str,
     pub(super) words: Vec<&'a str>,

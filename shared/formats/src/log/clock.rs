@@ -13,7 +13,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::clock_report::{ClockReport, ClockStep, StepKind};
-use super::fault::Place;
+use super::fault::CountedBy;
 use super::timeline::{Source, TimedLine};
 use super::track::Track;
 
@@ -360,7 +360,7 @@ impl<T> Clock<T> {
             return self.accept(u64::try_from(old).unwrap_or(newest_ns), line);
         }
         let by_ns = if kind == StepKind::SetBack { i128::from(next_ns) - old } else { ahead_ns };
-        self.report.step(ClockStep { line: line.number, kind, by_s: by_ns as f64 * 1e-9, place: Place::Line });
+        self.report.step(ClockStep { line: line.number, kind, by_s: by_ns as f64 * 1e-9, place: CountedBy::Line });
         if kind == StepKind::Pause {
             return self.accept(u64::try_from(old).unwrap_or(newest_ns), line);
         }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::carried::Tally;
-use super::fault::Place;
+use super::fault::CountedBy;
 
 /// Steps of a clock that are told one by one.
 const STEPS_KEPT: usize = 8;
@@ -50,7 +50,7 @@ pub struct ClockReport {
     /// Time that the stamps do not show, made up because the clock stood still, seconds.
     pub stood_still_s: f64,
     /// What is counted where a line is named.
-    pub place: Place,
+    pub place: CountedBy,
 }
 
 /// How a clock goes on from another stamp.
@@ -75,12 +75,12 @@ pub struct ClockStep {
     /// The size of the step, seconds, never negative.
     pub by_s: f64,
     /// What is counted.
-    pub place: Place,
+    pub place: CountedBy,
 }
 
 impl ClockReport {
     /// Says what is counted.
-    pub(crate) fn count_in(&mut self, place: Place) {
+    pub(crate) fn count_in(&mut self, place: CountedBy) {
         self.place = place;
         self.steps.iter_mut().for_each(|step| step.place = place);
     }

@@ -79,7 +79,7 @@ pub enum FaultKind {
 /// What is counted, where something is said to be.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Place {
+pub enum CountedBy {
     /// Lines of a text.
     #[default]
     Line,
@@ -87,7 +87,7 @@ pub enum Place {
     Message,
 }
 
-impl core::fmt::Display for Place {
+impl core::fmt::Display for CountedBy {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.write_str(match self {
             Self::Line => "line",
@@ -144,7 +144,7 @@ pub struct Fault {
     /// The first line that has it, or of a recording the message, counted from 1.
     pub first_line: u64,
     /// Which of the two.
-    pub place: Place,
+    pub place: CountedBy,
     /// The value found there, shortened.
     pub sample: String,
 }
@@ -153,7 +153,7 @@ impl core::fmt::Display for Fault {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let Self { kind, count, first_line, place, sample } = self;
         match (place, first_line) {
-            (Place::Message, 0) => write!(f, "{kind} ({count} times: \"{sample}\")"),
+            (CountedBy::Message, 0) => write!(f, "{kind} ({count} times: \"{sample}\")"),
             _ => write!(f, "{kind} ({count} times, first in {place} {first_line}: \"{sample}\")"),
         }
     }
@@ -176,11 +176,11 @@ impl Refusal {
 #[derive(Debug, Default)]
 pub(crate) struct FaultCounter {
     faults: BTreeMap<FaultKind, Fault>,
-    place: Place,
+    place: CountedBy,
 }
 
 impl FaultCounter {
-    pub(crate) fn new(place: Place) -> Self {
+    pub(crate) fn new(place: CountedBy) -> Self {
         Self { faults: BTreeMap::new(), place }
     }
 

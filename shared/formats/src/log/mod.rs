@@ -51,7 +51,7 @@ use detect::{Found, detect};
 pub use detect::{KNOWN_FORMATS, LogFormat};
 pub use error::LogError;
 pub use event::{LogEvent, LogReader};
-pub use fault::{Fault, FaultKind, Place};
+pub use fault::{CountedBy, Fault, FaultKind};
 pub use recording::{McapChannel, McapWriter, RUN_SETTINGS, RecordingContents, RunWords, TopicContents, words_of_run};
 pub(crate) use stamp::parse_stamp_ns;
 pub use survey::{LogSurvey, SurveyOptions};

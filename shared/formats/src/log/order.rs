@@ -12,7 +12,7 @@ const WEIGHT_LIMIT: usize = 1 << 18;
 /// A line on its way.
 struct Waiting<T> {
     stamp_ns: u64,
-    /// Place in the file.
+    /// CountedBy in the file.
     place: u64,
     line: TimedLine<T>,
 }

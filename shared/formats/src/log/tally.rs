@@ -23,11 +23,11 @@ pub(crate) struct EventTally<C> {
 /// Events of one class.
 #[derive(Debug, Default)]
 struct Track {
-    /// Place of the first among all events.
+    /// CountedBy of the first among all events.
     first: u64,
-    /// Place of the last.
+    /// CountedBy of the last.
     last: u64,
-    /// Place of the first with a pose.
+    /// CountedBy of the first with a pose.
     first_pose: Option<u64>,
     lines: u64,
     poses: u64,

@@ -37,7 +37,7 @@ enum Layout {
 pub(crate) struct KindRecord {
     layout: Layout,
     pub(crate) lines: u64,
-    /// Place among the lines of the file.
+    /// CountedBy among the lines of the file.
     first_line: u64,
     /// The maximum that the first line states.
     stated_max: Option<f64>,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::message::ScanKind;
 use crate::log::LogFormat;
 use crate::log::dialect::Dialect;
-use crate::log::fault::Place;
+use crate::log::fault::CountedBy;
 use crate::log::recording::RecordingPlan;
 
 /// How what is stored becomes messages.
@@ -32,10 +32,10 @@ impl Origin {
     }
 
     /// What is counted, where something is said to be.
-    pub(crate) fn place(&self) -> Place {
+    pub(crate) fn place(&self) -> CountedBy {
         match self {
-            Self::Text(_) => Place::Line,
-            Self::Recording(..) => Place::Message,
+            Self::Text(_) => CountedBy::Line,
+            Self::Recording(..) => CountedBy::Message,
         }
     }
 

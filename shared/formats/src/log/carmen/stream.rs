@@ -18,7 +18,7 @@ use super::read::timed_line;
 use super::survey::Surveyor;
 use super::units::RangeUnit;
 use crate::log::dialect::Dialect;
-use crate::log::fault::{Fault, FaultCounter, FaultKind, Place, Refusal};
+use crate::log::fault::{CountedBy, Fault, FaultCounter, FaultKind, Refusal};
 use crate::log::lines::{Line, Lines};
 use crate::log::{LogError, LogEvent, SurveyOptions};
 
@@ -117,7 +117,7 @@ impl LineStream {
             name: name.as_ref().to_path_buf(),
             told: robot,
             judge: surveyor(),
-            late: FaultCounter::new(Place::Line),
+            late: FaultCounter::new(CountedBy::Line),
             told_kinds: BTreeSet::new(),
             learning: Some(Learning { surveyor: surveyor(), lines: Vec::new(), first_ns: None, last_ns: 0 }),
             plan: CarmenPlan::default(),

@@ -62,7 +62,7 @@ impl<M: Read, P: Read> Iterator for UdacityReader<M, P> {
                     self.places += 1;
                     self.timeline.push(timed_line(self.places, &row));
                 }
-                // Counted by the survey.
+                // CountedBy by the survey.
                 Ok(Some(Next::Refused(..))) => {}
                 Ok(None) => {
                     self.timeline.finish();

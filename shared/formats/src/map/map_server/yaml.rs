@@ -61,7 +61,7 @@ pub enum YamlError {
     /// A line that is no YAML, or not what a map's YAML is made of.
     #[error("line {line}: \"{text}\": {what}; expected `key: value`")]
     Line {
-        /// Counted from 1.
+        /// CountedBy from 1.
         line: usize,
         /// The line, shortened.
         text: String,
@@ -71,7 +71,7 @@ pub enum YamlError {
     /// A value that can't be.
     #[error("line {line}: {key} is \"{value}\"; expected {expected}")]
     Value {
-        /// Counted from 1.
+        /// CountedBy from 1.
         line: usize,
         /// The key.
         key: &'static str,
@@ -83,7 +83,7 @@ pub enum YamlError {
     /// A key stands there twice.
     #[error("line {line}: {key} stands there twice")]
     Twice {
-        /// Counted from 1.
+        /// CountedBy from 1.
         line: usize,
         /// The key.
         key: String,

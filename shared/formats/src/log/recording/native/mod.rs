@@ -15,7 +15,7 @@ use self::decode::Native;
 use super::container::{Channel, Container, Entry};
 use super::inventory::Inventory;
 use crate::log::carmen::CarmenPlan;
-use crate::log::fault::{FaultCounter, FaultKind, Place, Refusal, first_fault};
+use crate::log::fault::{CountedBy, FaultCounter, FaultKind, Refusal, first_fault};
 use crate::log::source::hex;
 use crate::log::{ClockReport, LogError, LogEvent, LogFormat, LogReader, LogSurvey};
 
@@ -91,7 +91,7 @@ pub(crate) fn survey(mut container: Box<dyn Container>, path: &Path) -> Result<L
         last_stamp_ns: found.last_ns,
         distance_m: found.distance_m,
         sideways: found.sideways,
-        clock: ClockReport { lines: found.counts.iter().sum(), place: Place::Message, ..ClockReport::default() },
+        clock: ClockReport { lines: found.counts.iter().sum(), place: CountedBy::Message, ..ClockReport::default() },
         skipped: BTreeMap::new(),
         faults,
         remarks: Vec::new(),
@@ -131,7 +131,7 @@ struct Found {
 impl Default for Found {
     fn default() -> Self {
         Self {
-            faults: FaultCounter::new(Place::Message),
+            faults: FaultCounter::new(CountedBy::Message),
             counts: [0; 3],
             readings: 0,
             most_readings: 0,

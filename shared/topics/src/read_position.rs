@@ -22,7 +22,7 @@ pub(crate) enum Step {
 
 /// Where a reader is in a stream.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Place {
+pub(crate) struct ReadPosition {
     /// 0 before the first message.
     pub(crate) epoch: u64,
     pub(crate) sequence: u64,
@@ -39,7 +39,7 @@ pub(crate) struct Place {
     life: u32,
 }
 
-impl Place {
+impl ReadPosition {
     /// After message `sequence` of the run `epoch`, whose stamp was `stamp_ns`.
     pub(crate) fn after(epoch: u64, sequence: u64, stamp_ns: u64) -> Self {
         Self { epoch, sequence, stamp_ns, expected: Some(epoch), ..Self::default() }
@@ -151,7 +151,7 @@ mod tests {
         Header { sequence, epoch: 7, stamp_ns: sequence.saturating_mul(10), life, ..Header::default() }
     }
 
-    fn follow(place: &mut Place, header: &Header) -> Step {
+    fn follow(place: &mut ReadPosition, header: &Header) -> Step {
         place.follow(Delivery::Lossless, header, true)
     }
 
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn gaps_are_counted_and_jumps_refused() {
-        let mut place = Place::after(7, 0, 0);
+        let mut place = ReadPosition::after(7, 0, 0);
         assert_eq!(follow(&mut place, &header(1, 1)), Step::New);
         assert_eq!(follow(&mut place, &header(1, 4)), Step::New);
         assert_eq!(place.lost, 2);
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn nonsense_of_a_stranger_takes_nobodys_place() {
-        let mut place = Place::after(7, 0, 0);
+        let mut place = ReadPosition::after(7, 0, 0);
         assert_eq!(follow(&mut place, &header(1, 1)), Step::New);
         assert_eq!(place.follow(Delivery::Lossless, &header(2, 2), false), Step::New);
         assert_eq!((place.sequence, follow(&mut place, &header(1, 2))), (1, Step::New));
@@ -190,17 +190,17 @@ mod tests {
 
     #[test]
     fn a_producer_that_numbers_anew_is_told() {
-        let mut place = Place::after(7, 100, 1000);
+        let mut place = ReadPosition::after(7, 100, 1000);
         assert_eq!(follow(&mut place, &header(2, 99)), Step::Known);
         assert!(is_faulty(&follow(&mut place, &Header { stamp_ns: 1001, ..header(3, 1) }), "sequence"));
     }
 
     #[test]
     fn a_relayed_stream_begins_anew_with_its_producer() {
-        let relayed = |place: &mut Place, epoch, sequence| {
+        let relayed = |place: &mut ReadPosition, epoch, sequence| {
             place.follow(Delivery::Relayed, &Header { sequence, epoch, ..Header::default() }, true)
         };
-        let mut place = Place::default();
+        let mut place = ReadPosition::default();
         assert_eq!(relayed(&mut place, 5, 17), Step::New);
         assert_eq!(relayed(&mut place, 5, 19), Step::New);
         assert_eq!(relayed(&mut place, 6, 1), Step::New);
@@ -224,7 +224,7 @@ mod tests {
                 queues.push((start..start + count).map(|sequence| header(life, sequence)).collect());
                 end = end.max(start + count - 1);
             }
-            let mut place = Place::after(7, 0, 0);
+            let mut place = ReadPosition::after(7, 0, 0);
             let mut seen = Vec::new();
             for pick in picks {
                 let full: Vec<usize> = (0..queues.len()).filter(|i| !queues[*i].is_empty()).collect();
