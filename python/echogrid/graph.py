@@ -245,7 +245,8 @@ class Participant:
         name = text_of(health.service)
         if health.state == GONE:
             self._gone.add(name)
-        elif health.state > STARTING:
+        # What one that is done took in may not be stored: that it is gone is for the launcher to say.
+        elif health.state not in (STARTING, FINISHED):
             for ack in health.acks[: min(health.ack_count, len(health.acks))]:
                 key, heard = (name, ack.topic), (ack.epoch, ack.sequence)
                 self._first_acks.setdefault(key, heard)

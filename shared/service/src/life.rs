@@ -170,7 +170,7 @@ pub(crate) async fn drain(
             }
             runtime.end_outputs()?;
             if runtime.is_drained() {
-                break;
+                return runtime.finish();
             }
         }
         runtime.set_waits_for(runtime.awaited_output());

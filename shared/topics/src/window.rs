@@ -66,6 +66,10 @@ impl Window {
             self.consumers.retain(|consumer| consumer.name != health.service);
             return false;
         }
+        // What it took in, which may not be stored: should nobody else have heard that it is done, another comes in its place.
+        if health.state == ServiceState::Finished {
+            return false;
+        }
         let Some(consumer) = self.consumers.iter_mut().find(|consumer| consumer.name == health.service) else {
             return false;
         };
@@ -131,6 +135,9 @@ mod tests {
     #[test]
     fn who_is_gone_for_good_is_not_waited_for() {
         let mut window = Window::new(Topic::MapTiles, 7, 10, &["mapper".into()]);
+        // What it says of itself is not enough.
+        window.note(&Health { state: ServiceState::Finished, ..health(1, Topic::MapTiles, 7, 0) }, 0);
+        assert_eq!(window.acknowledged(), None);
         window.note(&Health { state: ServiceState::Gone, ..health(1, Topic::MapTiles, 0, 0) }, 0);
         assert_eq!((window.room(99), window.is_drained(99)), (u64::MAX, true));
     }

@@ -96,6 +96,7 @@ impl Runtime {
             vitals: Vitals::new(host, mouth, ear),
             memory,
             orders,
+            is_finished: false,
             _participant: participant,
         }
     }

@@ -54,6 +54,8 @@ pub struct Runtime {
     vitals: Vitals,
     memory: Memory,
     orders: Option<Box<dyn Orders>>,
+    /// All that came in is taken care of for good.
+    is_finished: bool,
     // Last: ports go before the process leaves the domain.
     _participant: Option<Participant>,
 }
@@ -280,15 +282,27 @@ impl Runtime {
         self.ports.is_drained()
     }
 
-    /// Says that nothing is left to do here. Whoever sent what is not stored waits until the launcher has heard that, and says
-    /// that this service is gone: a last word that is lost has to leave them there for another process in its place.
+    /// Leaves early: what came in is stored as far as was said before.
     ///
     /// # Errors
     /// Shared memory refuses.
     pub fn leave(&mut self) -> Result<()> {
         let (messages, lost, refused) = (self.vitals.progress, self.ports.lost(), self.vitals.faults);
-        tracing::info!(messages, lost, refused, complete = self.stop().is_none(), "ended");
+        tracing::info!(messages, lost, refused, complete = self.is_finished, "ended");
         self.set_state(ServiceState::Finished)
+    }
+
+    /// Leaves when all that came in is taken care of, downstream too. Whoever sent what is not stored waits until the launcher has
+    /// heard that, and says that this service is gone: a last word that is lost has to leave them there for another in its place.
+    ///
+    /// # Errors
+    /// Shared memory refuses.
+    pub fn finish(&mut self) -> Result<()> {
+        self.is_finished = true;
+        if Mutant::LeavesUnheard.lives() {
+            self.publish_health()?;
+        }
+        self.leave()
     }
 
     /// Waits until something happened, at most for `patience`; takes note of signals, of the
@@ -342,7 +356,7 @@ impl Runtime {
 
     /// What the producers need not keep for us any longer, by input.
     fn acknowledged(&self) -> Vec<Ack> {
-        if Mutant::LeavesUnheard.lives() && self.vitals.state == ServiceState::Finished && self.stop().is_none() {
+        if self.is_finished {
             return self.ports.sources.iter().map(|source| source.port.taken()).collect();
         }
         self.memory.acknowledged(&self.ports)

@@ -20,7 +20,7 @@ pub(super) fn silent() -> Result<ExitCode> {
     while runtime.stop().is_none() {
         process::block_on(runtime.attend(LONG))?;
     }
-    runtime.leave()?;
+    runtime.finish()?;
     Ok(ExitCode::SUCCESS)
 }
 
