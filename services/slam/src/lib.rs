@@ -2,12 +2,14 @@
 //!
 //! Where a closure shows that the robot is where it was before, poses of the past are others than they were believed to be. So the
 //! estimates go out when the drive is over, all but the first, and the mapper makes the map at once of the final poses: what it makes
-//! has the bytes of mapping the log from scratch with them. A robot with a lidar is corrected by that, one without by its sonars; where
+//! has the bytes of mapping the log from scratch with them. (Of a drive of kilometres they go out once they are settled.) A robot with a lidar is corrected by that, one without by its sonars; where
 //! sonars recognise nothing, the estimates are those of the odometry.
 
 mod files;
 mod history;
+mod saving;
 mod sonars;
+mod telling;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -16,8 +18,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::parts::{Parts, Saved};
 use echogrid_core::{
-    DrivePose, Estimate, Incidents, JointCovariance, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading,
-    Robot, SensorKind,
+    DrivePose, Estimate, Incidents, Leaps, MapperConfig, Odometry, OdometryConfig, Pose2, Reading, Robot, SensorKind,
 };
 use echogrid_service::{Declaration, Input, Outbox, Plan, Service, process};
 use echogrid_slam::report::Report;
@@ -26,6 +27,7 @@ use echogrid_topics::{Message, PoseEstimate, RawOdometry, Topic};
 use history::History;
 use serde::{Deserialize, Serialize};
 use sonars::Sonars;
+use telling::{Telling, told};
 
 use files::Written;
 pub use files::{CLOSURES_FILE, COVARIANCE_FILE, FILES, GRAPH_FILE, PATH_FILE};
@@ -36,10 +38,6 @@ pub const INPUTS: &[Topic] = &[Topic::RobotDescription, Topic::OdometryRaw, Topi
 pub const OUTPUTS: &[Topic] = &[Topic::OdometryEstimate];
 /// What it declares of itself.
 pub const DECLARATION: Declaration = Declaration { reads: INPUTS, looks_on: &[], writes: OUTPUTS, orders: &[] };
-
-/// How far a pose is off among its neighbours, one standard deviation, metres and radians. (How far all are off together is no matter
-/// to the map.)
-const AMONG_NEIGHBOURS: (f64, f64) = (0.01, 0.003);
 
 /// Of so many poses at most it is told how sure they are.
 const DOUBTS: usize = 500;
@@ -59,8 +57,8 @@ impl Scan {
     }
 }
 
-/// What the messages so far have come to.
-#[derive(Debug, Serialize, Deserialize)]
+/// What the messages so far have come to, besides the drive.
+#[derive(Debug)]
 struct State {
     robot: Option<Robot>,
     odometry: Odometry,
@@ -68,9 +66,7 @@ struct State {
     leapt: Incidents,
     history: History,
     waiting: VecDeque<Scan>,
-    drive: Drive,
-    /// Whether the first estimate was told.
-    has_told: bool,
+    telling: Telling,
 }
 
 /// The SLAM service.
@@ -110,8 +106,7 @@ impl SlamService {
             leapt: Incidents::default(),
             history: History::default(),
             waiting: VecDeque::new(),
-            drive: Drive::default(),
-            has_told: false,
+            telling: Telling::default(),
         };
         let sonars = Sonars::new(config, odometry, mapper);
         Ok(Self { slam: Slam::new(config, odometry), sonars, state, out })
@@ -144,13 +139,13 @@ impl SlamService {
         self.sonars.moved(driven);
         state.history.push(stamp_ns, estimate.pose);
         self.tell_first(out);
-        self.take_bracketed();
+        self.take_bracketed(out);
     }
 
     /// Tells the first estimate, once it is known who drives. (That something comes shows that the service works.)
     fn tell_first(&mut self, out: &mut Outbox) {
         let Some((robot, (stamp_ns, pose))) = self.state.robot.as_ref().zip(self.state.history.first()) else { return };
-        if !std::mem::replace(&mut self.state.has_told, true) {
+        if self.state.telling.begins() {
             let first = if has_lidar(robot) {
                 told(pose, 0.0, self.state.leapt)
             } else {
@@ -161,7 +156,7 @@ impl SlamService {
     }
 
     /// Takes every waiting scan whose poses are known by now.
-    fn take_bracketed(&mut self) {
+    fn take_bracketed(&mut self, out: &mut Outbox) {
         let reached_ns = self.state.history.latest_ns();
         while self.state.waiting.front().is_some_and(|scan| Some(scan.end_ns()) <= reached_ns) {
             let Some(scan) = self.state.waiting.pop_front() else { break };
@@ -179,7 +174,22 @@ impl SlamService {
             let moved = |offset_ns: i32| at(offset_ns).map_or(Pose2::IDENTITY, |at| pose.inverse() * at);
             let points = Points::of(robot, &scan.readings, moved);
             self.slam.add(scan.stamp_ns, pose, points);
+            if self.slam.is_long() && !self.slam.drive.recognises_nothing() {
+                self.settle(out);
+            }
         }
+    }
+
+    /// Tells the poses of what was driven first, which can't change any more.
+    fn settle(&mut self, out: &mut Outbox) {
+        self.slam.settle();
+        let settled = self.slam.drive.graph.settled as usize;
+        let Some(last) = settled.checked_sub(1).and_then(|last| self.slam.drive.nodes.get(last)) else { return };
+        let until_ns = last.stamp_ns;
+        self.sonars.forget();
+        let path = self.slam.drive.path(&self.state.history.with_scans(until_ns));
+        self.state.history.forget_until(until_ns);
+        self.state.telling.settled(&path, self.state.leapt, out);
     }
 
     /// Solves all, writes the files, and tells the poses.
@@ -188,7 +198,7 @@ impl SlamService {
         if self.state.history.is_empty() {
             return Ok(());
         }
-        let odom = self.state.history.with_scans();
+        let odom = self.state.history.with_scans(u64::MAX);
         self.slam.finish();
         if let Some(robot) = self.state.robot.as_ref().filter(|robot| self.goes_by_sonars(robot)) {
             let mut found = self.sonars.solved(robot, &odom)?;
@@ -201,7 +211,8 @@ impl SlamService {
                     &Written { path: &path, covariances, graph: &found.graph, report: &found.report },
                 )?;
             }
-            tell(&found.estimates, |estimate| self.sonars.trust(robot, estimate), self.state.leapt, out);
+            let trust = |estimate: &Estimate| self.sonars.trust(robot, estimate);
+            self.state.telling.tell(&found.estimates, trust, self.state.leapt, out);
             return Ok(());
         }
         if let Some(unknown) = self.slam.unknown_by_hand() {
@@ -210,11 +221,10 @@ impl SlamService {
         let path = self.slam.drive.path(&odom);
         if let Some(folder) = &self.out {
             let (graph, report) = (&files::g2o_of(&self.slam.drive), &Report::of(&self.slam));
+            let path: Vec<(u64, Pose2)> = self.state.telling.path().chain(path.iter().copied()).collect();
             files::write(folder, &Written { path: &path, covariances: self.slam.doubts(DOUBTS), graph, report })?;
         }
-        let estimates: Vec<(u64, Estimate)> =
-            path.iter().map(|(stamp_ns, pose)| (*stamp_ns, told(*pose, 0.0, self.state.leapt).estimate)).collect();
-        tell(&estimates, |_| 1.0, self.state.leapt, out);
+        self.state.telling.tell_poses(&path, self.state.leapt, out);
         Ok(())
     }
 }
@@ -222,18 +232,8 @@ impl SlamService {
 impl SlamService {
     /// Whether the sonars correct the drive: there is no lidar, or it recognised nothing.
     fn goes_by_sonars(&self, robot: &Robot) -> bool {
-        !has_lidar(robot) || has_sonars(robot) && self.slam.drive.recognises_nothing()
-    }
-}
-
-/// Tells the estimates of a drive, and how far each can be trusted, but for the first, which was told when it began.
-fn tell(estimates: &[(u64, Estimate)], trust: impl Fn(&Estimate) -> f64, leaps: Incidents, out: &mut Outbox) {
-    let mut distance_m = 0.0;
-    for pair in estimates.windows(2) {
-        let [(_, before), (stamp_ns, estimate)] = pair else { continue };
-        distance_m += before.pose.distance_m(estimate.pose);
-        let plain = PoseEstimate::plain(*estimate, trust(estimate), distance_m);
-        out.send(*stamp_ns, Message::Estimate(PoseEstimate { leaps, ..plain }));
+        let is_settled = self.slam.drive.graph.settled > 0;
+        !has_lidar(robot) || !is_settled && has_sonars(robot) && self.slam.drive.recognises_nothing()
     }
 }
 
@@ -245,20 +245,6 @@ fn has_lidar(robot: &Robot) -> bool {
 fn has_sonars(robot: &Robot) -> bool {
     robot.sensors.iter().any(|sensor| sensor.kind == SensorKind::Sonar)
 }
-
-/// A pose as it is told.
-fn told(pose: Pose2, distance_m: f64, leaps: Incidents) -> PoseEstimate {
-    let (metres, radians) = AMONG_NEIGHBOURS;
-    let mut covariance = JointCovariance::zeros();
-    for (place, deviation) in [metres, metres, radians].into_iter().enumerate() {
-        covariance[(place, place)] = deviation * deviation;
-    }
-    let estimate = Estimate { covariance, ..Estimate::certain(pose) };
-    PoseEstimate { leaps, ..PoseEstimate::plain(estimate, 1.0, distance_m) }
-}
-
-/// Name of the only part that is saved.
-const STATE: &str = "state";
 
 impl Service for SlamService {
     fn inputs(&self) -> &'static [Topic] {
@@ -282,7 +268,7 @@ impl Service for SlamService {
             Input::Message { stamp_ns, message: Message::Odometry(raw), .. } => self.moved(stamp_ns, &raw, out),
             Input::Message { stamp_ns, message: Message::Scan(readings), .. } => {
                 self.state.waiting.push_back(Scan { stamp_ns, readings });
-                self.take_bracketed();
+                self.take_bracketed(out);
             }
             Input::Message { .. } => {}
             Input::Finish => self.finish(out)?,
@@ -291,21 +277,12 @@ impl Service for SlamService {
     }
 
     fn save(&mut self, parts: &mut Parts) {
-        // The state is what is stored; while it is, the drive is lent to it.
-        std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
-        parts.put_value(STATE, &self.state);
-        std::mem::swap(&mut self.state.drive, &mut self.slam.drive);
-        self.sonars.save(parts);
+        // The inherent one.
+        Self::save(self, parts);
     }
 
     fn restore(&mut self, saved: &Saved) -> Result<()> {
-        self.state = saved.value(STATE)?;
-        self.slam.drive = std::mem::take(&mut self.state.drive);
-        self.sonars.restore(saved)?;
-        if self.state.robot.as_ref().is_some_and(|robot| !has_sonars(robot)) {
-            self.sonars.forget();
-        }
-        Ok(())
+        Self::restore(self, saved)
     }
 }
 

@@ -1,10 +1,12 @@
 //! The drive of a robot that has sonars alone: all that was heard waits until it is over.
 
+use std::collections::{BTreeMap, VecDeque};
+
 use anyhow::{Result, bail};
 use echogrid_core::parts::{Parts, Saved, SavedError};
 use echogrid_core::{
-    DrivePose, Estimate, Leap, Leaps, MapperConfig, NominalSensor, Odometry, OdometryConfig, Pose2, Reading, Robot,
-    SensorKind,
+    Chunks, DrivePose, Estimate, Leap, Leaps, MapperConfig, NominalSensor, Odometry, OdometryConfig, Pose2, Reading,
+    Robot, SensorKind,
 };
 use echogrid_formats::localization::Covariance;
 use echogrid_slam::SlamConfig;
@@ -12,10 +14,13 @@ use echogrid_slam::report::Report;
 use echogrid_slam::sonar::{self, Heard, Ring, SonarSlam};
 use serde::{Deserialize, Serialize};
 
+use crate::history::Stretch;
 use crate::{DOUBTS, files};
 
-/// Under what it is saved, whole: who is followed by others keeps several states, each by itself.
+/// Under what it is stored; the lists by so many.
 const PART: &str = "sonars";
+const DRIVEN: (&str, u64) = ("driven/", 512);
+const RINGS: (&str, u64) = ("rings/", 64);
 /// Where the robot may be at most after a leap is two standard deviations away.
 const REACH_SIGMAS: f64 = 2.0;
 
@@ -31,12 +36,24 @@ pub(crate) struct Sonars {
 }
 
 /// What the messages so far have come to.
-#[derive(Debug, Default, Serialize, Deserialize)]
+#[derive(Debug, Default)]
 struct State {
     /// All poses of the odometry as they came.
-    driven: Vec<DrivePose>,
+    driven: Stretch<DrivePose>,
     drive: sonar::Drive,
+    /// What of the rings is stored, and how many were forgotten.
+    rings: Option<Chunks>,
+    rings_gone: u64,
     /// What leaps have left open so far: variances, m² and rad².
+    left_open: [f64; 2],
+}
+
+/// What is stored besides lists.
+#[derive(Debug, Serialize, Deserialize)]
+struct Stored {
+    driven: [u64; 2],
+    rings: [u64; 2],
+    kept: BTreeMap<u16, Pose2>,
     left_open: [f64; 2],
 }
 
@@ -72,7 +89,7 @@ impl Sonars {
 
     pub(crate) fn moved(&mut self, pose: DrivePose) {
         if !self.are_none {
-            self.state.driven.push(pose);
+            self.state.driven.list.push_back(pose);
         }
     }
 
@@ -96,6 +113,9 @@ impl Sonars {
             let odom_from_base = at(reading.offset_ns).filter(|_| is_sonar)?;
             Some(Heard { reading: *reading, odom_from_base })
         };
+        if self.are_none {
+            return;
+        }
         let heard = readings.iter().filter_map(of).collect();
         self.state.drive.add(Ring { stamp_ns, odom_from_base, left_open: self.state.left_open, heard });
     }
@@ -122,9 +142,12 @@ impl Sonars {
         NominalSensor::of(robot).trust(&estimate.errors, self.mapper.resolution_m)
     }
 
-    /// There are none.
+    /// There are none, or they are not needed.
     pub(crate) fn forget(&mut self) {
-        (self.state, self.are_none) = (State::default(), true);
+        self.are_none = true;
+        self.state.driven.clear();
+        self.state.rings_gone += self.state.drive.rings.len() as u64;
+        self.state.drive.rings.clear();
     }
 
     fn as_driven(&self) -> Vec<(u64, Estimate)> {
@@ -136,15 +159,31 @@ impl Sonars {
             };
             (pose.stamp_ns, estimate)
         };
-        self.state.driven.iter().map(step).collect()
+        self.state.driven.list.iter().map(step).collect()
     }
 
-    pub(crate) fn save(&self, parts: &mut Parts) {
-        parts.put_value(PART, &self.state);
+    pub(crate) fn save(&mut self, parts: &mut Parts) {
+        let State { driven, drive, rings, rings_gone, left_open } = &mut self.state;
+        let driven = driven.save(parts, DRIVEN);
+        // Neither way copies anything.
+        let entries = VecDeque::from(std::mem::take(&mut drive.rings));
+        rings.get_or_insert_with(|| Chunks::new(RINGS.1)).save(parts, RINGS.0, *rings_gone, &entries);
+        drive.rings = Vec::from(entries);
+        let count = [*rings_gone, *rings_gone + drive.rings.len() as u64];
+        let stored = Stored { driven, rings: count, kept: drive.kept.clone(), left_open: *left_open };
+        parts.put_value(PART, &stored);
     }
 
     pub(crate) fn restore(&mut self, saved: &Saved) -> Result<(), SavedError> {
-        self.state = saved.value(PART)?;
+        let Stored { driven, rings: [gone, end], kept, left_open } = saved.value(PART)?;
+        let (chunks, rings) = Chunks::restore(RINGS.1, saved, RINGS.0, gone, end)?;
+        self.state = State {
+            driven: Stretch::restore(saved, DRIVEN, driven)?,
+            drive: sonar::Drive { rings: Vec::from(rings), kept },
+            rings: Some(chunks),
+            rings_gone: gone,
+            left_open,
+        };
         Ok(())
     }
 }

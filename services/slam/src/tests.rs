@@ -121,14 +121,13 @@ fn driven(
     (truth, told)
 }
 
-/// What a service is after a death.
-fn reborn(service: &mut SlamService) -> SlamService {
+/// What a service is after a death; what changed goes to `saved`, as to a store.
+fn reborn(service: &mut SlamService, saved: &mut Saved) -> SlamService {
     let mut parts = Parts::default();
     service.save(&mut parts);
-    let mut saved = Saved::default();
     saved.apply(parts.into_changes());
     let mut reborn = self::service();
-    reborn.restore(&saved).unwrap();
+    reborn.restore(saved).unwrap();
     reborn
 }
 
@@ -148,12 +147,72 @@ fn a_drive_that_drifts_is_told_as_it_was() {
 #[test]
 fn killed_at_any_time_it_goes_on_to_the_same_bits() {
     let (_, undisturbed) = drive(&mut service(), |_, _| {});
+    let mut saved = Saved::default();
     let (_, killed) = drive(&mut service(), |service, step| {
         if step % 70 == 33 {
-            *service = reborn(service);
+            *service = reborn(service, &mut saved);
         }
     });
     assert_eq!(undisturbed, killed);
+}
+
+/// Settles what was driven every 24 m.
+fn settling(out: Option<PathBuf>) -> SlamService {
+    let config = SlamConfig { settle_after_m: 48.0, ..SlamConfig::default() };
+    SlamService::new(&config, &OdometryConfig::default(), &MapperConfig::default(), out).unwrap()
+}
+
+#[test]
+fn a_long_drive_is_told_while_it_goes_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut service, mut seen) = (settling(Some(folder.path().into())), Vec::new());
+    let (truth, told) = driven(&mut service, &robot(), 1500, |service, step| {
+        if step % 300 == 299 {
+            seen.push(service.slam.drive.nodes.iter().filter(|node| !node.points.is_empty()).count());
+        }
+    });
+    assert!(service.slam.drive.graph.settled > 1000);
+    // Of what is settled there is one scan of each place, of which this room has few.
+    assert!(seen.iter().all(|seen| *seen < 650), "{seen:?}");
+    assert_eq!(
+        truth.iter().map(|(stamp_ns, _)| stamp_ns).collect::<Vec<_>>(),
+        told.iter().map(|(ns, _)| ns).collect::<Vec<_>>()
+    );
+    let off_m: Vec<f64> = truth.iter().zip(&told).map(|((_, is), (_, told))| is.distance_m(told.pose)).collect();
+    let mean_m = off_m.iter().sum::<f64>() / off_m.len() as f64;
+    assert!(
+        mean_m < 0.02 && off_m.iter().all(|off_m| *off_m < 0.06),
+        "{mean_m} {:?}",
+        off_m.iter().cloned().fold(0.0, f64::max)
+    );
+    let lines = std::fs::read_to_string(folder.path().join(PATH_FILE)).unwrap();
+    assert_eq!(lines.lines().filter(|line| !line.starts_with('#')).count(), truth.len());
+}
+
+#[test]
+fn killed_at_any_time_a_long_drive_comes_to_the_same_bits() {
+    let (_, undisturbed) = driven(&mut settling(None), &robot(), 900, |_, _| {});
+    let mut saved = Saved::default();
+    let mut service = settling(None);
+    let (_, killed) = driven(&mut service, &robot(), 900, |service, step| {
+        if step % 7 == 3 {
+            // As the store does: what changed is applied to what there is.
+            let mut parts = Parts::default();
+            service.save(&mut parts);
+            saved.apply(parts.into_changes());
+        }
+        if step % 140 == 80 {
+            let mut parts = Parts::default();
+            service.save(&mut parts);
+            saved.apply(parts.into_changes());
+            let mut reborn = settling(None);
+            reborn.restore(&saved).unwrap();
+            assert!(reborn.slam.drive == service.slam.drive);
+            *service = reborn;
+        }
+    });
+    assert!(undisturbed == killed);
+    assert!(saved.under("odom/").count() < 4 && saved.under("edges/").count() < 12, "what was told is stored no more");
 }
 
 #[test]
@@ -205,7 +264,7 @@ fn where_the_lidar_recognises_nothing_the_sonars_correct() {
     let mut seeing = both.clone();
     seeing.sensors[16].range_max_m = 30.0;
     assert!(told(&seeing) != told(&ring()));
-    let (folder, blind) = (tempfile::tempdir().unwrap(), reborn(&mut service()));
+    let (folder, blind) = (tempfile::tempdir().unwrap(), reborn(&mut service(), &mut Saved::default()));
     driven(&mut SlamService { out: Some(folder.path().into()), ..blind }, &both, 360, |_, _| {});
     let text = std::fs::read_to_string(folder.path().join(CLOSURES_FILE)).unwrap();
     let report: Report = serde_json::from_str(&text).unwrap();
@@ -215,9 +274,10 @@ fn where_the_lidar_recognises_nothing_the_sonars_correct() {
 #[test]
 fn killed_at_any_time_sonars_tell_the_same_bits() {
     let (truth, undisturbed) = driven(&mut service(), &ring(), 300, |_, _| {});
+    let mut saved = Saved::default();
     let (_, killed) = driven(&mut service(), &ring(), 300, |service, step| {
         if step % 70 == 33 {
-            *service = reborn(service);
+            *service = reborn(service, &mut saved);
         }
     });
     assert!(undisturbed == killed);

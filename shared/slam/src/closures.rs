@@ -13,8 +13,8 @@ use crate::scan::Points;
 use crate::slam::Slam;
 
 /// Way each way about a node whose scans make the place that is recognised, metres, and the most scans each way.
-const PLACE_M: f64 = 3.0;
-const PLACE_SCANS: usize = 30;
+pub(crate) const PLACE_M: f64 = 3.0;
+pub(crate) const PLACE_SCANS: usize = 30;
 /// The scans that are laid on it: of the last so many metres, at most so many.
 const QUERY_M: f64 = 2.5;
 const QUERY_SCANS: usize = 5;
@@ -125,7 +125,8 @@ impl Slam {
     fn places(&self, last: usize, ways_mm: &[u64]) -> Vec<usize> {
         let at = self.drive.graph.poses[last];
         let mut near: Vec<(f64, usize)> = Vec::new();
-        for (index, node) in self.drive.nodes[..last].iter().enumerate() {
+        for index in self.drive.settled.with_points(last) {
+            let node = &self.drive.nodes[index];
             if self.drive.nodes[last].way_m - node.way_m < self.config.closure_after_m {
                 break;
             }
@@ -177,6 +178,9 @@ impl Slam {
 
     /// The scans about a node, seen from it.
     fn place(&self, about: usize, before: usize) -> Cloud {
+        if about < self.drive.graph.settled as usize {
+            return self.settled_place(about);
+        }
         let way_m = |index: usize| self.drive.nodes[index].way_m;
         let (mut low, mut high) = (about, about);
         while low > 0 && way_m(about) - way_m(low) < PLACE_M && about - low < PLACE_SCANS {
@@ -264,6 +268,7 @@ impl Slam {
         self.drive.closures.push(closure);
         for index in &agreeing {
             self.drive.closures[*index].support += 1;
+            self.stored.closures.replace(*index as u64);
         }
         if said.is_some() {
             self.apply(number, Standing::Required);
@@ -287,6 +292,7 @@ impl Slam {
     fn apply(&mut self, index: usize, standing: Standing) {
         let closure = &mut self.drive.closures[index];
         closure.standing = standing;
+        self.stored.closures.replace(index as u64);
         self.drive.graph.edges.push(Edge {
             from: closure.from,
             to: closure.to,
@@ -311,12 +317,13 @@ impl Slam {
 
     /// Takes back what the graph, solved, is against. (It counts for hardly anything there by then: the kernel saw to it.)
     pub(crate) fn take_back(&mut self) {
-        for closure in &mut self.drive.closures {
+        for (closure, index) in self.drive.closures.iter_mut().zip(0..) {
             let (from, to) = (closure.from as usize, closure.to as usize);
             let lies = self.drive.graph.poses[from].inverse() * self.drive.graph.poses[to];
             let chi2 = matrix::quadratic(&closure.information, &seen_from(closure.measured, lies));
             if closure.standing == Standing::Applied && chi2 > KERNEL {
                 closure.standing = Standing::TakenBack;
+                self.stored.closures.replace(index);
             }
         }
     }

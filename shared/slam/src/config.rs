@@ -33,6 +33,9 @@ pub struct SlamConfig {
     pub closure_margin: f64,
     /// Rounds in which all scans of one place are laid on each other at the end; 0: none.
     pub refine_rounds: u32,
+    /// The way after which what was driven with a lidar is settled but for its later half, metres; and four times `closure_after_m`. It is told
+    /// to the mapper, and no closure changes it any more.
+    pub settle_after_m: f64,
     /// How much better the readings of the last metres must fit a place than nothing, with sonars, nat a reading.
     pub sonar_evidence_nat: f64,
     /// How much worse the readings must fit elsewhere in the place, with sonars, nat a reading.
@@ -54,6 +57,7 @@ impl Default for SlamConfig {
             closure_score_min: 0.62,
             closure_margin: 0.05,
             refine_rounds: 3,
+            settle_after_m: 2000.0,
             sonar_evidence_nat: 0.8,
             sonar_margin_nat: 0.6,
             forbid: Vec::new(),
@@ -79,6 +83,7 @@ impl SlamConfig {
         within("closure_score_min", self.closure_score_min, 0.3, 1.0, "a share, 0.3 to 1")?;
         within("closure_margin", self.closure_margin, 0.0, 0.5, "a difference of shares, 0 to 0.5")?;
         within("refine_rounds", f64::from(self.refine_rounds), 0.0, 10.0, "rounds, 0 to 10")?;
+        within("settle_after_m", self.settle_after_m, 40.0, 1e9, "metres, 40 to 1e9")?;
         within("sonar_evidence_nat", self.sonar_evidence_nat, 0.1, 10.0, "nat a reading, 0.1 to 10")?;
         within("sonar_margin_nat", self.sonar_margin_nat, 0.0, 10.0, "nat a reading, 0 to 10")?;
         let refused = |key, [from, to]: [u32; 2], expected| {

@@ -59,8 +59,12 @@ pub struct Graph {
     pub poses: Vec<Pose2>,
     /// What the odometry measures too much, as a share: of translation, of rotation.
     pub scales: [f64; 2],
-    /// One standard deviation of what they may be; 0: they are known to be 0.
+    /// What they were believed to be before, and one standard deviation of that; 0: they are known to be 0.
+    pub scales_before: [f64; 2],
+    /// See [`Self::scales_before`].
     pub scale_sigma: f64,
+    /// So many of the first poses are settled: they stay what they are, and what was measured between them counts no more.
+    pub settled: u32,
     /// What was measured.
     pub edges: Vec<Edge>,
     /// What is known from elsewhere. Without one the first pose is held.
@@ -130,8 +134,10 @@ impl Edge {
 /// The places of the blocks of an edge.
 #[derive(Debug, Clone, Copy)]
 struct Places {
-    poses: Place,
-    scales: Option<(Place, Place)>,
+    /// None where one of the poses is settled.
+    poses: Option<Place>,
+    /// Of each pose that is not.
+    scales: [Option<Place>; 2],
 }
 
 /// A graph made ready to be solved, as long as its edges stay what they are.
@@ -140,31 +146,38 @@ pub struct Solver {
     structure: Structure,
     places: Vec<Option<Places>>,
     has_scales: bool,
+    /// The first pose that is solved for.
+    first: usize,
 }
 
 impl Solver {
     /// For this graph.
     #[must_use]
     pub fn new(graph: &Graph) -> Self {
-        let nodes = graph.poses.len();
+        let first = graph.settled as usize;
+        let nodes = graph.poses.len() - first;
         let has_scales =
             graph.scale_sigma > 0.0 && graph.edges.iter().any(|edge| matches!(edge.kind, Kind::Odometry(_)));
-        let pairs = graph.edges.iter().map(|edge| (edge.from as usize, edge.to as usize));
+        let variable = |node: u32| (node as usize).checked_sub(first);
+        let pairs = graph.edges.iter().filter_map(|edge| variable(edge.from).zip(variable(edge.to)));
         let structure = Structure::new(nodes + usize::from(has_scales), pairs, has_scales);
         let places = graph.edges.iter().map(|edge| {
-            let (from, to) = (edge.from as usize, edge.to as usize);
-            let poses = structure.place(from, to)?;
+            let ends = [variable(edge.from), variable(edge.to)];
             let is_scaled = has_scales && matches!(edge.kind, Kind::Odometry(_));
-            let scales = || Some((structure.place(from, nodes)?, structure.place(to, nodes)?));
-            Some(Places { poses, scales: if is_scaled { scales() } else { None } })
+            let scales = ends.map(|end| end.filter(|_| is_scaled).and_then(|end| structure.place(end, nodes)));
+            let [Some(from), Some(to)] = ends else {
+                return ends.iter().flatten().next().map(|_| Places { poses: None, scales });
+            };
+            Some(Places { poses: Some(structure.place(from, to)?), scales })
         });
         let places = places.collect();
-        Self { structure, places, has_scales }
+        Self { structure, places, has_scales, first }
     }
 
     /// The normal equations at the poses as they are, kernels opened by `opened`.
     fn linearised(&self, graph: &Graph, opened: f64) -> (System<'_>, Vec<Vector>) {
-        let nodes = graph.poses.len();
+        let nodes = graph.poses.len() - self.first;
+        let variable = |node: u32| (node as usize).checked_sub(self.first);
         let mut system = self.structure.system();
         let mut right = vec![[0.0; 3]; nodes + usize::from(self.has_scales)];
         let mut push = |variable: usize, gradient: Vector| {
@@ -180,31 +193,28 @@ impl Solver {
             let (from, to) = edge.jacobians(graph);
             let (from_i, to_i) =
                 (matrix::transposed_product(&from, &information), matrix::transposed_product(&to, &information));
-            system.add_diagonal(edge.from as usize, &matrix::product(&from_i, &from));
-            system.add_diagonal(edge.to as usize, &matrix::product(&to_i, &to));
-            system.add(places.poses, &matrix::product(&from_i, &to));
-            push(edge.from as usize, matrix::apply(&from_i, &error));
-            push(edge.to as usize, matrix::apply(&to_i, &error));
-            if let (Some((a, b)), Some(scales)) = (places.scales, edge.scale_jacobian(graph.scales)) {
+            let scaled = edge.scale_jacobian(graph.scales).filter(|_| self.has_scales);
+            for (node, place, j, j_i) in
+                [(edge.from, places.scales[0], &from, &from_i), (edge.to, places.scales[1], &to, &to_i)]
+            {
+                let Some(variable) = variable(node) else { continue };
+                system.add_diagonal(variable, &matrix::product(j_i, j));
+                push(variable, matrix::apply(j_i, &error));
+                if let Some((place, scales)) = place.zip(scaled.as_ref()) {
+                    system.add(place, &matrix::product(j_i, scales));
+                }
+            }
+            if let Some(place) = places.poses {
+                system.add(place, &matrix::product(&from_i, &to));
+            }
+            if let Some(scales) = scaled {
                 let scales_i = matrix::transposed_product(&scales, &information);
-                system.add(a, &matrix::product(&from_i, &scales));
-                system.add(b, &matrix::product(&to_i, &scales));
                 system.add_diagonal(nodes, &matrix::product(&scales_i, &scales));
                 push(nodes, matrix::apply(&scales_i, &error));
             }
         }
-        for anchor in &graph.anchors {
-            let node = anchor.node as usize;
-            let at = graph.poses[node];
-            let (s, c) = libm::sincos(anchor.pose.theta);
-            let (dx, dy) = (at.x - anchor.pose.x, at.y - anchor.pose.y);
-            let error = [c * dx + s * dy, c * dy - s * dx, wrap_angle(at.theta - anchor.pose.theta)];
-            let j = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
-            let j_i = matrix::transposed_product(&j, &anchor.information);
-            system.add_diagonal(node, &matrix::product(&j_i, &j));
-            push(node, matrix::apply(&j_i, &error));
-        }
-        if graph.anchors.is_empty() {
+        self.anchored(graph, &mut system, &mut push);
+        if graph.anchors.is_empty() && self.first == 0 {
             system.add_diagonal(0, &matrix::diagonal([1e9; 3]));
         }
         for node in 0..nodes {
@@ -213,9 +223,25 @@ impl Solver {
         if self.has_scales {
             let prior = 1.0 / (graph.scale_sigma * graph.scale_sigma);
             system.add_diagonal(nodes, &matrix::diagonal([prior, prior, 1.0]));
-            push(nodes, [prior * graph.scales[0], prior * graph.scales[1], 0.0]);
+            let [lin, ang] = [0, 1].map(|axis| prior * (graph.scales[axis] - graph.scales_before[axis]));
+            push(nodes, [lin, ang, 0.0]);
         }
         (system, right)
+    }
+
+    /// What is known of poses from elsewhere, added to the normal equations.
+    fn anchored(&self, graph: &Graph, system: &mut System<'_>, push: &mut impl FnMut(usize, Vector)) {
+        for anchor in &graph.anchors {
+            let Some(node) = (anchor.node as usize).checked_sub(self.first) else { continue };
+            let at = graph.poses[anchor.node as usize];
+            let (s, c) = libm::sincos(anchor.pose.theta);
+            let (dx, dy) = (at.x - anchor.pose.x, at.y - anchor.pose.y);
+            let error = [c * dx + s * dy, c * dy - s * dx, wrap_angle(at.theta - anchor.pose.theta)];
+            let j = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
+            let j_i = matrix::transposed_product(&j, &anchor.information);
+            system.add_diagonal(node, &matrix::product(&j_i, &j));
+            push(node, matrix::apply(&j_i, &error));
+        }
     }
 
     /// So many steps of Gauss and Newton; fewer when nothing moves any more.
@@ -227,7 +253,7 @@ impl Solver {
                 return;
             }
             let mut farthest = 0.0_f64;
-            for (pose, step) in graph.poses.iter_mut().zip(&step) {
+            for (pose, step) in graph.poses[self.first..].iter_mut().zip(&step) {
                 *pose = Pose2::new(pose.x + step[0], pose.y + step[1], pose.theta + step[2]);
                 farthest = step.iter().fold(farthest, |far, value| far.max(value.abs()));
             }
@@ -259,14 +285,18 @@ impl Solver {
     /// What is known of the poses as they are.
     #[must_use]
     pub fn marginals<'a>(&'a self, graph: &'a Graph) -> Marginals<'a> {
+        debug_assert_eq!(self.first, 0, "of settled poses nothing is told");
         Marginals { factors: self.linearised(graph, 1.0).0.factor(), graph }
     }
 
-    /// Covariances of poses at the solution: of (x, y, θ) in the frame of the map.
+    /// Covariances of poses at the solution, seen from those that are settled: of (x, y, θ) in the frame of the map. What is settled
+    /// itself has none.
     #[must_use]
     pub fn covariances(&self, graph: &Graph, nodes: impl IntoIterator<Item = usize>) -> Vec<Matrix> {
         let factors: Factors<'_> = self.linearised(graph, 1.0).0.factor();
-        nodes.into_iter().map(|node| factors.covariance(node)).collect()
+        let of =
+            |node: usize| node.checked_sub(self.first).map_or(matrix::ZERO, |variable| factors.covariance(variable));
+        nodes.into_iter().map(of).collect()
     }
 }
 

@@ -27,9 +27,9 @@ const FIRST_RADII_M: [f64; 5] = [0.3, 0.25, 0.2, 0.15, 0.12];
 const RADII_M: [f64; 4] = [0.15, 0.12, 0.1, 0.1];
 
 impl Slam {
-    /// One round: renews the matches at the poses as they are, and solves.
-    pub(crate) fn refine(&mut self, round: u32) {
-        let pairs = self.neighbours();
+    /// One round: renews the matches before node `upto` at the poses as they are, and solves.
+    pub(crate) fn refine(&mut self, round: u32, upto: usize) {
+        let pairs = self.neighbours(upto);
         let prior: Matrix = matrix::diagonal([25.0, 25.0, 100.0]);
         let radii: &[f64] = if round == 0 { &FIRST_RADII_M } else { &RADII_M };
         let mut edges: Vec<Edge> = Vec::new();
@@ -53,6 +53,8 @@ impl Slam {
             }
         }
         let keeps = |edge: &Edge| match edge.kind {
+            // Not renewed yet.
+            _ if edge.to as usize >= upto => true,
             Kind::Odometry(_) => true,
             // Where nothing else holds two nodes together, what the drive was followed by does.
             Kind::Match => edge.kernel == 0.0 && self.config.odometry == crate::UseOdometry::Ignore,
@@ -72,18 +74,19 @@ impl Slam {
         self.drive.graph.poses.clone_from(&graph.poses);
         self.drive.graph.scales = graph.scales;
         self.drive.refined = graph.edges;
+        self.stored.solved();
     }
 
-    /// Of each node the later ones that are laid on it.
-    fn neighbours(&self) -> BTreeMap<usize, Vec<usize>> {
+    /// Of each node the later ones before `upto` that are laid on it.
+    fn neighbours(&self, upto: usize) -> BTreeMap<usize, Vec<usize>> {
         let poses = &self.drive.graph.poses;
         let cell = |index: usize| ((poses[index].x / CELL_M).floor() as i64, (poses[index].y / CELL_M).floor() as i64);
         let mut cells: BTreeMap<(i64, i64), Vec<usize>> = BTreeMap::new();
-        for index in 0..poses.len() {
+        for index in self.drive.settled.with_points(upto) {
             cells.entry(cell(index)).or_default().push(index);
         }
         let mut pairs: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for index in 1..poses.len() {
+        for index in (self.drive.graph.settled as usize).max(1)..upto {
             let way_m = |other: usize| (self.drive.nodes[index].way_m - self.drive.nodes[other].way_m).abs();
             let mut partners = vec![index - 1];
             partners.extend(

@@ -1,5 +1,7 @@
 //! A drive, scan by scan: nodes, graph, closures.
 
+use core::ops::Range;
+
 use echogrid_core::{Increment, OdometryConfig, Pose2};
 use serde::{Deserialize, Serialize};
 
@@ -7,8 +9,10 @@ use crate::closures::Closure;
 use crate::config::{SlamConfig, UseOdometry};
 use crate::front::Noise;
 use crate::graph::{Edge, Graph, Kind, Solver};
-use crate::matrix::Matrix;
+use crate::matrix::{self, Matrix};
+use crate::saving::Stored;
 use crate::scan::Points;
+use crate::settling::Settled;
 
 /// What a drive measures too much or too little as a share, one standard deviation, where nobody says.
 const SCALE_SIGMA: f64 = 0.05;
@@ -33,7 +37,7 @@ pub struct Node {
 }
 
 /// A drive so far: all of it that is not configuration.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Drive {
     /// Poses and what was measured between them.
     pub graph: Graph,
@@ -41,8 +45,11 @@ pub struct Drive {
     pub nodes: Vec<Node>,
     /// All that were found, applied or not.
     pub closures: Vec<Closure>,
-    /// What was measured between the poses at the end; empty before it.
+    /// What was measured between the poses at the end; empty before it. (When a drive has ended nothing of it is needed any more: it is
+    /// not stored.)
     pub refined: Vec<Edge>,
+    /// What of it can't change any more.
+    pub settled: Settled,
     /// Scans that could not be laid on those before them.
     pub lost: u64,
     /// Places that were tried.
@@ -71,6 +78,8 @@ pub struct Slam {
     pub(crate) noise: Noise,
     /// What it knows.
     pub drive: Drive,
+    /// What of it is stored.
+    pub(crate) stored: Stored,
 }
 
 impl Slam {
@@ -80,7 +89,7 @@ impl Slam {
         let scale_sigma = SCALE_SIGMA.max(odometry.lin_scale).max(odometry.ang_scale);
         let graph = Graph { scale_sigma, ..Graph::default() };
         let noise = Noise::of(odometry, scale_sigma);
-        Self { config: config.clone(), noise, drive: Drive { graph, ..Drive::default() } }
+        Self { config: config.clone(), noise, drive: Drive { graph, ..Drive::default() }, stored: Stored::default() }
     }
 
     /// Whether a scan taken at this pose of the odometry is worth a node.
@@ -127,6 +136,7 @@ impl Slam {
         let solver = Solver::new(&self.drive.graph);
         solver.graduate(&mut self.drive.graph);
         self.drive.solved = self.drive.graph.edges.len();
+        self.stored.solved();
     }
 
     /// Ends the drive: what was seen twice is laid on each other, and closures that the rest is against are taken back.
@@ -134,19 +144,26 @@ impl Slam {
         if self.drive.nodes.len() < 2 {
             return;
         }
+        self.end(self.drive.nodes.len());
+    }
+
+    /// Makes the poses before node `upto` what they are in the end.
+    pub(crate) fn end(&mut self, upto: usize) {
         self.solve();
-        self.look_again();
+        self.look_again(upto);
         for round in 0..self.config.refine_rounds {
-            self.refine(round);
+            self.refine(round, upto);
         }
         self.take_back();
     }
 
-    /// Looks for closures once more along the whole drive: what was too far off to be recognised then may not be any more.
-    fn look_again(&mut self) {
-        let mut searched_at_m = 0.0;
+    /// Looks for closures once more along the drive, but for what is settled: what was too far off to be recognised then may not be any
+    /// more.
+    fn look_again(&mut self, upto: usize) {
+        let first = self.drive.graph.settled as usize;
+        let mut searched_at_m = self.drive.nodes.get(first).map_or(0.0, |node| node.way_m);
         let mut found = 0;
-        for index in 0..self.drive.nodes.len() {
+        for index in first..upto {
             let way_m = self.drive.nodes[index].way_m;
             if way_m - searched_at_m > self.config.closure_every_m {
                 searched_at_m = way_m;
@@ -166,13 +183,18 @@ impl Slam {
     /// How sure some of the nodes are, at most so many of them: stamps and covariances in the frame of the map, in which the first is certain.
     #[must_use]
     pub fn doubts(&self, most: usize) -> Vec<(u64, Matrix)> {
-        let count = self.drive.nodes.len();
-        let mut graph = self.drive.graph.clone();
-        if !self.drive.refined.is_empty() {
-            graph.edges.clone_from(&self.drive.refined);
-        }
-        let chosen: Vec<usize> = (1..count).step_by(count / most.max(1) + 1).collect();
-        let covariances = Solver::new(&graph).covariances(&graph, chosen.iter().copied());
+        let first = self.drive.graph.settled as usize;
+        let mut doubts = self.drive.settled.doubts.clone();
+        doubts.extend(self.doubts_of(first.max(1)..self.drive.nodes.len(), most));
+        let every = doubts.len() / most.max(1) + 1;
+        if doubts.len() <= most { doubts } else { doubts.into_iter().step_by(every).collect() }
+    }
+
+    /// The same of some of these nodes, none of them settled.
+    pub(crate) fn doubts_of(&self, nodes: Range<usize>, most: usize) -> Vec<(u64, Matrix)> {
+        let every = nodes.end.saturating_sub(self.drive.graph.settled as usize) / most.max(1) + 1;
+        let chosen: Vec<usize> = nodes.step_by(every).collect();
+        let covariances = self.covariances(&chosen);
         chosen.iter().map(|node| self.drive.nodes[*node].stamp_ns).zip(covariances).collect()
     }
 
@@ -180,10 +202,17 @@ impl Slam {
     #[must_use]
     pub fn doubt_at_the_end(&self) -> Option<Matrix> {
         let last = self.drive.nodes.len().checked_sub(1)?;
+        self.covariances(&[last]).pop()
+    }
+
+    /// Of these nodes, in the frame of the map.
+    pub(crate) fn covariances(&self, nodes: &[usize]) -> Vec<Matrix> {
         let mut graph = self.drive.graph.clone();
         if !self.drive.refined.is_empty() {
             graph.edges.clone_from(&self.drive.refined);
         }
-        Solver::new(&graph).covariances(&graph, [last]).pop()
+        let mut covariances = Solver::new(&graph).covariances(&graph, nodes.iter().copied());
+        covariances.iter_mut().for_each(|covariance| matrix::add(covariance, &self.drive.settled.doubt));
+        covariances
     }
 }

@@ -22,7 +22,7 @@ enum Source {
 
 const TRUTH: [&str; 4] = ["--fix", "truth", "--fix-every", "3m"];
 
-pub(super) const KINDS: [Kind; 10] = [
+pub(super) const KINDS: [Kind; 11] = [
     Kind::new("sonar", Source::Recording("sonar/columbia-sonar.log.gz"), &[], &["300", "600", "max"]),
     Kind::new("laser", Source::Simulator("laser", 20), &[], &["10", "20", "max"]),
     Kind::new("simulator-fixes", Source::Simulator("pioneer3at", 40), &TRUTH, &["20", "40", "max"]),
@@ -36,6 +36,12 @@ pub(super) const KINDS: [Kind; 10] = [
     Kind::new("oriented", Source::Drive, &["--set", "mapper.fusion=oriented"], FAST),
     Kind::new("saves", Source::Drive, &["--set", "publisher.save_every_s=5", "--fix", "truth"], FAST),
     Kind::new("slam", Source::Simulator("laser", 16), &["--slam"], &["10", "20", "max"]),
+    Kind::new(
+        "slam-settling",
+        Source::Simulator("laser", 150),
+        &["--slam", "--set", "slam.settle_after_m=40"],
+        &["60", "max"],
+    ),
     Kind::new(
         "slam-sonars",
         Source::Simulator("pioneer3at", 200),

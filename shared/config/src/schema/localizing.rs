@@ -85,6 +85,11 @@ pub(crate) static SLAM: Section = Section {
             "rounds in which all scans of one place are laid on each other at the end",
         ),
         key(
+            "settle_after_m",
+            "a number from 40 to 1e9",
+            "lidars: what was driven is settled, but for its later half, when it is this long: no closure changes it any more",
+        ),
+        key(
             "sonar_evidence_nat",
             "a number from 0.1 to 10",
             "sonars: by how many nat a reading what was heard must fit a place better than nothing",

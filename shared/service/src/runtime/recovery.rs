@@ -46,10 +46,10 @@ impl Runtime {
         }
         let latest = self.memory.latest(&self.ports)?;
         let moment = latest.as_ref().map(|(_, moment)| moment.clone()).unwrap_or_default();
-        if let Some(store) = &self.memory.store {
+        if let Some(store) = &mut self.memory.store {
             self.memory.replaying = store.journal(moment.journal)?.into();
             if let Some((generation, _)) = &latest {
-                let state = store.state(*generation)?;
+                let state = store.go_back(*generation)?;
                 service.restore(&Saved::from_parts(state)).with_context(|| {
                     format!("{}: going on with what an earlier process had stored", store.file().display())
                 })?;

@@ -23,6 +23,10 @@ use crate::mutants::Mutant;
 /// Messages between two looks at what of a spool is stored downstream.
 const TRIM_EVERY: u64 = 256;
 
+/// Of a number in a key.
+const GENERATION_BYTES: usize = 8;
+/// Parts as they were, by name; none: there was none.
+type Undone = BTreeMap<Vec<u8>, Option<Vec<u8>>>;
 /// Under what a sensor notes that it has begun.
 const BEGUN: &[u8] = b"begun";
 
@@ -149,13 +153,6 @@ impl From<Measured> for Message {
     }
 }
 
-/// A state, and the moment that it is of.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Snapshot {
-    moment: Moment,
-    state: State,
-}
-
 /// The store of one service.
 #[derive(Debug)]
 pub struct Store {
@@ -163,7 +160,7 @@ pub struct Store {
     shelf: Box<dyn Shelf>,
     next_generation: u64,
     next_entry: u64,
-    /// Whether an earlier state may have to be gone back to: then each is stored whole, else only what changes.
+    /// Whether an earlier state may have to be gone back to: then it is stored what changed parts were before.
     keeps_generations: bool,
 }
 
@@ -214,7 +211,6 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn moments(&self) -> Result<BTreeMap<u64, Moment>> {
-        // The moment comes first in a snapshot.
         let snapshots = self.shelf.range(Table::Snapshots, &[])?;
         snapshots.into_iter().map(|(key, bytes)| Ok((number(&key)?, decode(&bytes)?))).collect()
     }
@@ -224,12 +220,42 @@ impl Store {
     /// # Errors
     /// The store is broken.
     pub fn state(&self, generation: u64) -> Result<State> {
-        if self.keeps_generations {
-            let bytes = self.shelf.get(Table::Snapshots, &key(generation))?.context("a snapshot is missing")?;
-            return Ok(decode::<Snapshot>(&bytes)?.state);
+        let mut parts: BTreeMap<Vec<u8>, Vec<u8>> = self.shelf.range(Table::Parts, &[])?.into_iter().collect();
+        for (name, before) in self.undone(generation)?.1 {
+            match before {
+                Some(bytes) => parts.insert(name, bytes),
+                None => parts.remove(&name),
+            };
         }
-        let parts = self.shelf.range(Table::Parts, &[])?;
         parts.into_iter().map(|(name, bytes)| Ok((String::from_utf8(name)?, packed::unpack(&bytes)?))).collect()
+    }
+
+    /// The keys of what undoes the generations after this one, and what parts were then that are others now.
+    fn undone(&self, generation: u64) -> Result<(Vec<Vec<u8>>, Undone)> {
+        let (mut keys, mut parts) = (Vec::new(), BTreeMap::new());
+        // The latest first: what the oldest says is what counts.
+        for (key, before) in self.shelf.range(Table::Undo, &key(generation.saturating_add(1)))?.into_iter().rev() {
+            parts.insert(key.get(GENERATION_BYTES..).context("a key of another version")?.to_vec(), decode(&before)?);
+            keys.push(key);
+        }
+        Ok((keys, parts))
+    }
+
+    /// Goes back to a generation: those after it are gone. Its state.
+    ///
+    /// # Errors
+    /// The disk is full, or the store is broken.
+    pub fn go_back(&mut self, generation: u64) -> Result<State> {
+        let (keys, parts) = self.undone(generation)?;
+        let part = |(name, value)| Change { table: Table::Parts, key: name, value };
+        let mut all: Vec<Change> = parts.into_iter().map(part).collect();
+        all.extend(keys.into_iter().map(|key| Change::remove(Table::Undo, key)));
+        let later = self.moments()?.into_keys().filter(|known| *known > generation);
+        all.extend(later.map(|known| Change::remove(Table::Snapshots, key(known))));
+        if !all.is_empty() {
+            self.shelf.commit(all)?;
+        }
+        self.state(generation)
     }
 
     /// Stores a snapshot, and lets go of generations before `oldest`; its generation.
@@ -238,19 +264,22 @@ impl Store {
     /// The disk is full, or the store is broken: what was stored before is intact.
     pub fn store(&mut self, moment: &Moment, changes: Changes, oldest: u64) -> Result<u64> {
         let generation = self.next_generation;
-        let mut state = State::new();
+        let oldest = if self.keeps_generations { oldest } else { generation };
         let mut all = Vec::new();
         for (name, bytes) in changes {
-            match (self.keeps_generations, bytes) {
-                (true, Some(bytes)) => drop(state.insert(name, bytes)),
-                (true, None) => {}
-                (false, bytes) => {
-                    let value = bytes.map(|bytes| packed::pack(&bytes));
-                    all.push(Change { table: Table::Parts, key: name.into_bytes(), value });
-                }
+            if oldest < generation {
+                let before = self.shelf.get(Table::Parts, name.as_bytes())?;
+                let undo = [key(generation).as_slice(), name.as_bytes()].concat();
+                all.push(Change::put(Table::Undo, undo, postcard::to_allocvec(&before)?));
+            }
+            let value = bytes.map(|bytes| packed::pack(&bytes));
+            all.push(Change { table: Table::Parts, key: name.into_bytes(), value });
+        }
+        for (undo, _) in self.shelf.range(Table::Undo, &[])? {
+            if number(undo.get(..GENERATION_BYTES).context("a key of another version")?)? <= oldest {
+                all.push(Change::remove(Table::Undo, undo));
             }
         }
-        let oldest = if self.keeps_generations { oldest } else { generation };
         // What no snapshot that stays needs is let go of.
         let mut needed = moment.journal;
         for (known, moment) in self.moments()? {
@@ -265,8 +294,7 @@ impl Store {
                 all.push(Change::remove(Table::Journal, entry));
             }
         }
-        let snapshot = Snapshot { moment: moment.clone(), state };
-        all.push(Change::put(Table::Snapshots, key(generation), postcard::to_allocvec(&snapshot)?));
+        all.push(Change::put(Table::Snapshots, key(generation), postcard::to_allocvec(moment)?));
         self.shelf.commit(all)?;
         self.next_generation += 1;
         Ok(generation)

@@ -11,8 +11,10 @@ pub enum Table {
     Snapshots,
     /// Number → what took effect and can't be read once more.
     Journal,
-    /// The parts of the only state, where older ones are never gone back to.
+    /// The parts of the latest state.
     Parts,
+    /// Generation and name of a part → what the part was before, where older states may be gone back to.
+    Undo,
     /// Number → a message of a sensor that can't give it again.
     Spool,
     /// Code of a topic → the last of its messages that is not in the spool any more.
@@ -21,7 +23,8 @@ pub enum Table {
 
 impl Table {
     /// Every table of the shelf.
-    pub const ALL: [Self; 6] = [Self::Run, Self::Snapshots, Self::Journal, Self::Parts, Self::Spool, Self::Trimmed];
+    pub const ALL: [Self; 7] =
+        [Self::Run, Self::Snapshots, Self::Journal, Self::Parts, Self::Undo, Self::Spool, Self::Trimmed];
 
     /// The name of the table on the shelf.
     #[must_use]
@@ -31,6 +34,7 @@ impl Table {
             Self::Snapshots => "snapshots",
             Self::Journal => "journal",
             Self::Parts => "parts",
+            Self::Undo => "undo",
             Self::Spool => "spool",
             Self::Trimmed => "trimmed",
         }

@@ -4,7 +4,9 @@ fn moment(written: u64, journal: u64) -> Moment {
     Moment { written: vec![(4, written)], journal, ..Moment::default() }
 }
 
-fn changes(parts: &[(&str, Option<&[u8]>)]) -> Changes {
+type Part<'a> = (&'a str, Option<&'a [u8]>);
+
+fn changes(parts: &[Part<'_>]) -> Changes {
     parts.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.map(<[u8]>::to_vec))).collect()
 }
 
@@ -47,6 +49,38 @@ fn parts_are_stored_as_they_change() {
     assert_eq!(last, moment(1, 0));
     let names: Vec<String> = store.state(generation).unwrap().into_keys().collect();
     assert_eq!(names, ["a", "c"]);
+}
+
+#[test]
+fn parts_are_gone_back_to_as_they_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("slam.redb");
+    let mut store = Store::open(&file, 7, false, true).unwrap();
+    let all: [&[Part<'_>]; 4] = [
+        &[("a", Some(b"1")), ("b", Some(b"2"))],
+        &[("b", None), ("c", Some(b"3"))],
+        &[("c", Some(b"4"))],
+        &[("a", None), ("b", Some(b"5")), ("c", None)],
+    ];
+    for (generation, parts) in (0..).zip(all) {
+        store.store(&moment(generation, 0), changes(parts), 0).unwrap();
+    }
+    let state = |store: &Store, generation| -> Vec<(String, Vec<u8>)> {
+        store.state(generation).unwrap().into_iter().collect()
+    };
+    let part = |name: &str, bytes: &[u8]| (name.to_owned(), bytes.to_vec());
+    assert_eq!(state(&store, 0), [part("a", b"1"), part("b", b"2")]);
+    assert_eq!(state(&store, 1), [part("a", b"1"), part("c", b"3")]);
+    assert_eq!(state(&store, 3), [part("b", b"5")]);
+    assert_eq!(store.go_back(1).unwrap().into_iter().collect::<Vec<_>>(), state(&store, 1));
+    drop(store);
+    // What came after it is gone, and what comes now is told from there.
+    let mut store = Store::open(&file, 7, false, true).unwrap();
+    assert_eq!(store.moments().unwrap().into_keys().collect::<Vec<_>>(), [0, 1]);
+    let generation = store.store(&moment(5, 0), changes(&[("d", Some(b"6"))]), 1).unwrap();
+    assert_eq!(state(&store, generation), [part("a", b"1"), part("c", b"3"), part("d", b"6")]);
+    assert_eq!(state(&store, 1), [part("a", b"1"), part("c", b"3")]);
+    assert_eq!(store.moments().unwrap().into_keys().collect::<Vec<_>>(), [1, generation]);
 }
 
 #[test]
@@ -98,7 +132,7 @@ fn a_key_beyond_all_numbers_is_damage() {
     let file = folder.path().join("mapper.redb");
     for table in [Table::Snapshots, Table::Journal, Table::Spool] {
         let mut shelf = file::open(&file, 7, false).unwrap();
-        let moment = postcard::to_allocvec(&Snapshot::default()).unwrap();
+        let moment = postcard::to_allocvec(&Moment::default()).unwrap();
         shelf.commit(vec![Change::put(table, key(u64::MAX), moment)]).unwrap();
         drop(shelf);
         let error = Store::check(&file, 7).unwrap_err();
