@@ -22,7 +22,7 @@ const METRES_PER_RAD: f64 = 0.3;
 /// A sonar is heard again after so much way or turn.
 const HEARD_EVERY: (f64, f64) = (0.28, 0.25);
 /// A scan of a lidar counts again after so much.
-const SEEN_EVERY: (f64, f64) = (0.15, 0.12);
+const SEEN_EVERY: (f64, f64) = (0.05, 0.04);
 /// Beams of a scan that are kept, about.
 const POINTS: usize = 120;
 /// Nearer a sonar hears itself, farther what it hears has come by detours, metres.

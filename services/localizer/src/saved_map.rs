@@ -18,8 +18,9 @@ use crate::drive::Drive;
 const LONGER: f64 = 1.5;
 /// Then the readings must fit so much better.
 const SURER: f64 = 1.5;
-/// The way over which the scans of a lidar are put together, metres: near where the robot was believed to be, and anywhere.
-const SEEN_NEAR_M: f64 = 0.25;
+/// The way over which the scans of a lidar are put together, metres: near where the robot was believed to be the last counts alone, as what the
+/// drive measures too much would turn the others; and anywhere.
+const SEEN_NEAR_M: f64 = 0.0;
 const SEEN_M: f64 = 1.5;
 /// A robot that was not found for so much way is looked for everywhere, metres.
 const LOST_M: f64 = 10.0;

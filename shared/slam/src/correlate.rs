@@ -118,6 +118,18 @@ impl Field {
         self.levels[level][row.max(0) as usize * self.columns + column.max(0) as usize]
     }
 
+    /// What `points` score at a pose, however small.
+    #[must_use]
+    pub fn score(&self, points: &[[f64; 2]], pose: Pose2) -> f64 {
+        let (s, c) = libm::sincos(pose.theta);
+        let value = |p: &[f64; 2]| {
+            let at = [pose.x + c * p[0] - s * p[1], pose.y + s * p[0] + c * p[1]];
+            let [x, y] = [0, 1].map(|axis| ((at[axis] - self.low[axis]) / CELL_M).floor() as i32);
+            u32::from(self.at(0, x, y))
+        };
+        f64::from(points.iter().map(value).sum::<u32>()) / (255.0 * points.len().max(1) as f64)
+    }
+
     /// The pose in the window at which `points` lie best on the field; none where no score is above `score_min`.
     #[must_use]
     pub fn search(

@@ -38,6 +38,11 @@ const ON_WALL_M: f64 = 0.15;
 const ELSEWHERE_M: f64 = 0.8;
 /// No pose is told more exactly than this: cells are so large. Metres and radians, one standard deviation.
 const FLOOR: (f64, f64) = (0.02, 0.008);
+/// Along the direction of which the points tell least it is looked how their score falls off, so far each way and by such steps, metres …
+const SPREAD_M: f64 = 0.6;
+const SPREAD_STEP_M: f64 = 0.05;
+/// … and where they score so much less it is e times less likely.
+const SPREAD_SCORE: f64 = 1.0 / 60.0;
 /// Nor is anything told of a direction in which it would be less exact than this.
 const OPEN: (f64, f64) = (2.0, 0.5);
 
@@ -85,7 +90,7 @@ impl OutlineMap {
         };
         let except = Except { pose: best.pose, half_side_m: ELSEWHERE_M };
         let second = field.search(&sparse, &window, best.score - gates.margin_min, Some(&except));
-        self.judge([x, y], seen, best, second, gates).map(|(located, _)| located)
+        self.judge([x, y], seen, (&field, &sparse), (best, second), gates).map(|(located, _)| located)
     }
 
     /// Where the robot is, anywhere in the map; of what was seen before, from the same frame, as much must lie on walls.
@@ -117,7 +122,10 @@ impl OutlineMap {
             };
             second = found.map(to_origin).or(second);
         }
-        let (located, slides) = self.judge(origin, seen, best, second, gates)?;
+        let Some((_, field)) = fields.iter().find(|(at, _)| *at == origin) else {
+            return Err(Unlocated::NoFit { evidence: 0.0, needed: gates.evidence_min });
+        };
+        let (located, slides) = self.judge(origin, seen, (field, &sparse), (best, second), gates)?;
         if slides {
             // A place in a corridor is none.
             return Err(Unlocated::Ambiguous { apart_m: ELSEWHERE_M, margin: 0.0, needed: gates.margin_min });
@@ -143,8 +151,8 @@ impl OutlineMap {
         &self,
         origin: [f64; 2],
         seen: &Points,
-        best: Found,
-        second: Option<Found>,
+        (field, sparse): (&Field, &[[f64; 2]]),
+        (best, second): (Found, Option<Found>),
         gates: &Gates,
     ) -> Result<(Located, bool), Unlocated> {
         let no_fit = |evidence| Err(Unlocated::NoFit { evidence, needed: gates.evidence_min });
@@ -170,7 +178,8 @@ impl OutlineMap {
             }
             slides = true;
         }
-        let covariance = covariance(&laid, slides);
+        let spread_m2 = spread_m2(field, sparse, laid.pose, laid.weak_direction());
+        let covariance = covariance(&laid, slides, spread_m2);
         let pose = Pose2::new(laid.pose.x + x, laid.pose.y + y, laid.pose.theta);
         Ok((Located { pose, covariance, evidence: best.score }, slides))
     }
@@ -224,8 +233,24 @@ fn normal(ground: &Ground, place: usize) -> [f64; 2] {
     }
 }
 
+/// How far along a direction the points may lie as well, by how their score falls off: a variance. That the match is exact where it is says nothing
+/// of the next door post, which is like this one.
+fn spread_m2(field: &Field, sparse: &[[f64; 2]], pose: Pose2, [x, y]: [f64; 2]) -> f64 {
+    let steps = (SPREAD_M / SPREAD_STEP_M) as i32;
+    let score = |along_m: f64| field.score(sparse, Pose2::new(pose.x + along_m * x, pose.y + along_m * y, pose.theta));
+    let here = score(0.0);
+    let (mut weights, mut squares) = (0.0, 0.0);
+    for step in -steps..=steps {
+        let along_m = f64::from(step) * SPREAD_STEP_M;
+        let weight = libm::exp((score(along_m) - here).min(0.0) / SPREAD_SCORE);
+        weights += weight;
+        squares += weight * along_m * along_m;
+    }
+    squares / weights
+}
+
 /// In the frame of the map.
-fn covariance(laid: &Match, slides: bool) -> Matrix {
+fn covariance(laid: &Match, slides: bool, spread_m2: f64) -> Matrix {
     let mut information = matrix::turned(&laid.believed(), laid.pose.theta);
     if slides {
         let [x, y] = laid.weak_direction();
@@ -234,7 +259,10 @@ fn covariance(laid: &Match, slides: bool) -> Matrix {
     let open = [1.0 / (OPEN.0 * OPEN.0), 1.0 / (OPEN.0 * OPEN.0), 1.0 / (OPEN.1 * OPEN.1)];
     let told = matrix::inverse(&matrix::sum(&information, &matrix::diagonal(open)));
     let floor = matrix::diagonal([FLOOR.0 * FLOOR.0, FLOOR.0 * FLOOR.0, FLOOR.1 * FLOOR.1]);
-    matrix::symmetric(&matrix::sum(&told, &floor))
+    let [x, y] = laid.weak_direction();
+    let along = [[x * x, x * y, 0.0], [x * y, y * y, 0.0], [0.0; 3]];
+    let spread = matrix::scaled(&along, spread_m2);
+    matrix::symmetric(&matrix::sum(&matrix::sum(&told, &floor), &spread))
 }
 
 fn thinned(seen: &Points, most: usize) -> Vec<[f64; 2]> {
