@@ -28,12 +28,24 @@ const ROW: usize = (STATES - 1) * TILE_SIDE + SLACK;
 const CODES: usize = TILE_CELLS * STATES;
 const BYTES: usize = CODES * size_of::<u16>();
 
+/// Columns and rows of a block of cells, and blocks of a tile side by side.
+pub(crate) const BLOCK: [usize; 2] = [16, 8];
+pub(crate) const BLOCKS_ACROSS: usize = TILE_SIDE / BLOCK[0];
+
 /// The states of the cells of a tile: row by row, in a row state by state.
-#[derive(Clone)]
 pub struct Shares {
     codes: Box<[u16; CODES + SLACK]>,
     /// Rows, a bit each, in which log-odds may have been moved by somebody who did not move these.
     unsettled: u64,
+    /// Blocks, a bit each, row by row, that may have been written to since that was asked last.
+    touched: u32,
+}
+
+/// All of what is copied counts as written to.
+impl Clone for Shares {
+    fn clone(&self) -> Self {
+        Self { codes: self.codes.clone(), unsettled: self.unsettled, touched: u32::MAX }
+    }
 }
 
 impl core::fmt::Debug for Shares {
@@ -44,7 +56,7 @@ impl core::fmt::Debug for Shares {
 
 impl Default for Shares {
     fn default() -> Self {
-        Self { codes: Box::new([ONE; CODES + SLACK]), unsettled: u64::MAX }
+        Self { codes: Box::new([ONE; CODES + SLACK]), unsettled: u64::MAX, touched: u32::MAX }
     }
 }
 
@@ -67,6 +79,23 @@ impl Shares {
     /// In some rows the log-odds are what these come to.
     pub(crate) fn settle(&mut self, rows: u64) {
         self.unsettled &= !rows;
+    }
+
+    /// Some blocks may be written to.
+    pub(crate) fn touch(&mut self, blocks: u32) {
+        self.touched |= blocks;
+    }
+
+    /// The blocks that may have been written to since this was asked last.
+    pub(crate) fn take_touched(&mut self) -> u32 {
+        core::mem::take(&mut self.touched)
+    }
+
+    /// The blocks of so many cells of a row, 16 at most, from `offset` on.
+    #[inline(always)]
+    pub(crate) fn blocks(offset: usize, cells: usize) -> u32 {
+        let (row, column) = (offset / TILE_SIDE / BLOCK[1] * BLOCKS_ACROSS, offset % TILE_SIDE);
+        1 << (row + column / BLOCK[0]) | 1 << (row + (column + cells - 1) / BLOCK[0])
     }
 
     /// Where a state of a cell of the tile lies.

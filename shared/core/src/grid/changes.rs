@@ -37,12 +37,19 @@ impl Changes {
 
     /// The tiles that were written to at `mark` or later, row by row.
     pub(super) fn since(&self, mark: Mark) -> Vec<TileIndex> {
-        const LOWEST: TileIndex = TileIndex { x: i32::MIN, y: i32::MIN };
         let mut changed: Vec<TileIndex> = self.written.range((mark, LOWEST)..).map(|(_, index)| *index).collect();
         changed.sort_unstable();
         changed
     }
+
+    /// Whether no tile was written to at `mark` or later.
+    pub(super) fn are_none_since(&self, mark: Mark) -> bool {
+        self.written.range((mark, LOWEST)..).next().is_none()
+    }
 }
+
+/// Before all others.
+const LOWEST: TileIndex = TileIndex { x: i32::MIN, y: i32::MIN };
 
 /// Tiles as they had been at a moment, in the order in which they were written to first after it; none: there was none.
 pub(crate) type TilesBefore = Vec<(TileIndex, Option<Tile>)>;

@@ -153,6 +153,7 @@ impl Grid {
         let tile = self.noted_mut(index);
         if let Some(shares) = &mut tile.shares {
             shares.unsettle(u64::MAX);
+            shares.touch(u32::MAX);
         }
         tile
     }
@@ -163,11 +164,19 @@ impl Grid {
         tile.revision = revision;
         if let Some(shares) = &mut tile.shares {
             shares.unsettle(1 << (offset / TILE_SIDE));
+            shares.touch(Shares::blocks(offset, 1));
         }
         &mut tile.log_odds[offset]
     }
 
-    /// The states of the cells of a tile to write to, and their log-odds, which must be written to as the states say.
+    /// The blocks of a tile that may have been written to since this was asked last; all, where there are no states.
+    pub(crate) fn take_touched(&mut self, index: TileIndex) -> u32 {
+        let shares = self.tiles.get_mut(&index).and_then(|slot| slot.tile.shares.as_mut());
+        shares.map_or(u32::MAX, Shares::take_touched)
+    }
+
+    /// The states of the cells of a tile to write to, and their log-odds, which must be written to as the states say; what is written to
+    /// must be [touched](Shares::touch).
     pub(crate) fn states_mut(&mut self, index: TileIndex, revision: u64) -> (&mut Shares, &mut [f32; TILE_CELLS]) {
         let tile = self.noted_mut(index);
         tile.revision = revision;
@@ -207,6 +216,12 @@ impl Grid {
     #[must_use]
     pub fn changed_since(&self, mark: Mark) -> Vec<TileIndex> {
         self.changes.since(mark)
+    }
+
+    /// Whether nothing was written to since `mark`.
+    #[must_use]
+    pub(crate) fn is_as_at(&self, mark: Mark) -> bool {
+        self.changes.are_none_since(mark)
     }
 
     /// Marks a moment after which these tiles count as written to.

@@ -22,42 +22,34 @@
 
 use core::f64::consts::PI;
 
-use super::functions::ln;
-use super::lanes::Lanes;
-use super::wide::{Width, Work};
+use super::along_walls_pass::{Around, Showing};
+use super::wide::Width;
 use crate::grid::{Grid, TILE_CELLS, TILE_SIDE, TileIndex};
 use crate::oriented::{DIRECTIONS, STATES};
-use crate::shares::Shares;
+use crate::shares::{BLOCK, BLOCKS_ACROSS};
 
 /// Cells that are looked at to each side; fewer than a tile has along a side.
-const REACH: usize = 16;
+pub(super) const REACH: usize = 16;
 /// C: what supports a wall counts as much, at most.
-const SUPPORT_MOST: f32 = 3.5;
+pub(super) const SUPPORT_MOST: f32 = 3.5;
 /// What is worth 1 over this counts as 1: as if nothing had been said against it.
-const DOUBTED: f32 = 2.5;
-/// Cells along a side of what is looked at.
-const AREA: usize = TILE_SIDE + 2 * REACH;
-/// So many lanes are computed beside each other: each waits for what came before.
-const BLOCK: usize = 4;
+pub(super) const DOUBTED: f32 = 2.5;
+/// Where the cells along a wall lie, to one side: columns and rows.
+pub(super) type Way = [[isize; 2]; REACH];
 
 /// How walls go on.
 #[derive(Debug, Clone)]
 pub(crate) struct AlongWalls {
     /// ρ
-    goes_on: f32,
+    pub(super) goes_on: f32,
     /// Of each state, of what is occupied, before any reading.
-    priors: [f32; STATES],
+    pub(super) priors: [f32; STATES],
     /// l_max.
-    max: f32,
-    /// Where the cells along a wall of each direction lie: columns and rows.
-    ways: [[[isize; 2]; REACH]; DIRECTIONS],
+    pub(super) max: f32,
+    /// Where the cells along a wall of each direction lie.
+    pub(super) ways: [Way; DIRECTIONS],
     width: Width,
 }
-
-/// What a direction is worth in a tile and around it.
-type Area = [f32; AREA * AREA];
-/// A tile and those around it, row by row.
-type Around<'a> = [[Option<&'a Shares>; 3]; 3];
 
 impl AlongWalls {
     /// Of walls that are so long in the mean, in cells of `resolution_m`; of what is occupied the share `diffuse` is none. Cells stay
@@ -77,6 +69,32 @@ impl AlongWalls {
     /// it moved all states alike.
     pub(crate) fn shown(&self, grid: &Grid, index: TileIndex) -> Option<Box<[f32; TILE_CELLS]>> {
         self.moved(grid, index, 1.0)
+    }
+
+    /// Makes of what was shown of a tile what is shown of it now, where blocks of it or of those around it were written to, told row by
+    /// row; false where nothing but log-odds is known.
+    pub(crate) fn show_again(
+        &self,
+        grid: &Grid,
+        index: TileIndex,
+        touched: &[[u32; 3]; 3],
+        shown: &mut [f32; TILE_CELLS],
+    ) -> bool {
+        let Some((tile, own)) = grid.tile(index).and_then(|tile| Some((tile, tile.shares.as_ref()?))) else {
+            return false;
+        };
+        let cells = reached(touched);
+        for (row, mut cells) in cells.into_iter().enumerate() {
+            let (to, from) = (&mut shown[row * TILE_SIDE..], &tile.log_odds[row * TILE_SIDE..]);
+            while cells != 0 {
+                let column = cells.trailing_zeros() as usize;
+                to[column..column + BLOCK[0]].copy_from_slice(&from[column..column + BLOCK[0]]);
+                cells &= !(((1 << BLOCK[0]) - 1) << column);
+            }
+        }
+        let around = around(grid, index);
+        self.width.run(Showing { along_walls: self, around, own, times: 1.0, cells, shown });
+        true
     }
 
     /// Of a tile whose log-odds are those that are shown, what they were as they were fused; none likewise. Where a limit cut off what
@@ -102,96 +120,45 @@ impl AlongWalls {
         let tile = grid.tile(index)?;
         let own = tile.shares.as_ref()?;
         let mut shown = tile.log_odds.clone();
-        self.width.run(Showing { along_walls: self, around: around(grid, index), own, times, shown: &mut shown });
+        self.width.run(Showing {
+            along_walls: self,
+            around: around(grid, index),
+            own,
+            times,
+            cells: [u64::MAX; TILE_SIDE],
+            shown: &mut shown,
+        });
         Some(shown)
-    }
-
-    /// f of both sides, multiplied, of the cells from the one at `first` of the area on.
-    #[inline(always)]
-    fn factors<L: Lanes>(&self, area: &Area, direction: usize, first: usize) -> [L; BLOCK] {
-        let (goes_on, ends, one) = (L::splat(self.goes_on), L::splat(1.0 - self.goes_on), L::splat(1.0));
-        let most = L::splat(SUPPORT_MOST);
-        let mut factors = [one; BLOCK];
-        for side in [-1, 1] {
-            let mut along = [one; BLOCK];
-            for [columns, rows] in self.ways[direction].iter().rev() {
-                let from = first as isize + side * (rows * AREA as isize + columns);
-                let from = &area[from.unsigned_abs()..];
-                for (n, m) in along.iter_mut().enumerate() {
-                    let u = L::load(&from[n * L::COUNT..]);
-                    let excluded = u.at_most(one).mul(m.at_most(one));
-                    let x = excluded.mul(u.at_least(*m).at_least(one)).at_most(most);
-                    *m = x.mul_add(goes_on, ends);
-                }
-            }
-            for (factor, m) in factors.iter_mut().zip(along) {
-                *factor = factor.mul(m);
-            }
-        }
-        factors
-    }
-}
-
-/// Makes of the log-odds of a tile those that are shown.
-struct Showing<'a> {
-    along_walls: &'a AlongWalls,
-    around: Around<'a>,
-    own: &'a Shares,
-    times: f32,
-    shown: &'a mut [f32; TILE_CELLS],
-}
-
-impl Work for Showing<'_> {
-    #[inline(always)]
-    fn run<L: Lanes>(self) {
-        let Self { along_walls, around, own, times, shown } = self;
-        let mut area = Box::new([1.0; AREA * AREA]);
-        // Σ of the states as they are, and as they are along walls
-        let (mut sums, mut alongs) = (Box::new([0.0; TILE_CELLS]), Box::new([0.0; TILE_CELLS]));
-        let mut known = [false; TILE_SIDE];
-        for (known, row) in known.iter_mut().zip(shown.chunks_exact(TILE_SIDE)) {
-            *known = row.iter().any(|cell| !cell.is_nan());
-        }
-        for state in 0..STATES {
-            if state > 0 {
-                gather::<L>(&around, state, &mut area);
-            }
-            let prior = L::splat(along_walls.priors[state]);
-            for first in (0..TILE_CELLS).step_by(BLOCK * L::COUNT) {
-                let (row, column) = (first / TILE_SIDE, first % TILE_SIDE);
-                if !known[row] {
-                    continue;
-                }
-                let factors = match state {
-                    0 => [L::splat(1.0); BLOCK],
-                    _ => along_walls.factors::<L>(&area, state - 1, (row + REACH) * AREA + REACH + column),
-                };
-                for (n, factor) in factors.into_iter().enumerate() {
-                    let lanes = n * L::COUNT;
-                    let weight = L::load_codes(&own.codes_of(row, state)[column + lanes..]).mul(prior);
-                    let (sum, along) = (&mut sums[first + lanes..], &mut alongs[first + lanes..]);
-                    L::load(sum).add(weight).store(sum);
-                    weight.mul_add(factor, L::load(along)).store(along);
-                }
-            }
-        }
-        let (least, most, times) = (L::splat(-along_walls.max), L::splat(along_walls.max), L::splat(times));
-        for at in (0..TILE_CELLS).step_by(L::COUNT) {
-            let added = ln(L::load(&alongs[at..])).sub(ln(L::load(&sums[at..])));
-            // What is unknown stays so.
-            most.at_most(least.at_least(added.mul_add(times, L::load(&shown[at..])))).store(&mut shown[at..]);
-        }
     }
 }
 
 /// Where the cells along a wall of a direction lie, a step of one cell along the axis that it is nearer to.
-fn way_along(direction: usize) -> [[isize; 2]; REACH] {
+fn way_along(direction: usize) -> Way {
     let (sine, cosine) = libm::sincos(PI * direction as f64 / DIRECTIONS as f64);
     let step = sine.abs().max(cosine.abs());
     core::array::from_fn(|k| {
         let cells = (k + 1) as f64 / step;
         [-sine * cells, cosine * cells].map(|cells| libm::round(cells) as isize)
     })
+}
+
+/// The cells of a tile, a bit each, that may see one of the blocks that were touched in it or those around it, row by row: whole blocks.
+fn reached(touched: &[[u32; 3]; 3]) -> [u64; TILE_SIDE] {
+    const DOWN: usize = TILE_SIDE / BLOCK[1];
+    const _: () = assert!(BLOCK[0] >= REACH && 2 * BLOCK[1] >= REACH, "a block to each side, and two rows of them");
+    let row = |row: usize| {
+        let tiles =
+            touched[row / DOWN].map(|blocks| blocks >> (row % DOWN * BLOCKS_ACROSS) & ((1 << BLOCKS_ACROSS) - 1));
+        let row = tiles[0] | tiles[1] << BLOCKS_ACROSS | tiles[2] << (2 * BLOCKS_ACROSS);
+        (row | row << 1 | row >> 1) >> BLOCKS_ACROSS
+    };
+    let mut cells = [0; TILE_SIDE];
+    for (n, cells) in cells.chunks_exact_mut(BLOCK[1]).enumerate() {
+        let blocks = (DOWN + n - 2..=DOWN + n + 2).fold(0, |blocks, n| blocks | row(n));
+        let of_block = |block: usize| (u64::from(blocks >> block & 1) * ((1 << BLOCK[0]) - 1)) << (block * BLOCK[0]);
+        cells.fill((0..BLOCKS_ACROSS).fold(0, |cells, block| cells | of_block(block)));
+    }
+    cells
 }
 
 fn around(grid: &Grid, index: TileIndex) -> Around<'_> {
@@ -201,29 +168,6 @@ fn around(grid: &Grid, index: TileIndex) -> Around<'_> {
             grid.tile(TileIndex { x, y })?.shares.as_ref()
         })
     })
-}
-
-/// What a state is worth in the cells of a tile and around it.
-#[inline(always)]
-fn gather<L: Lanes>(around: &Around<'_>, state: usize, area: &mut Area) {
-    let (doubted, one) = (L::splat(DOUBTED), L::splat(1.0));
-    for (row, to) in area.chunks_exact_mut(AREA).enumerate() {
-        let row = row + TILE_SIDE - REACH;
-        let (tiles, row) = (&around[row / TILE_SIDE], row % TILE_SIDE);
-        let (left, rest) = to.split_at_mut(REACH);
-        let (own, right) = rest.split_at_mut(TILE_SIDE);
-        for ((to, tile), first) in [left, own, right].into_iter().zip(tiles).zip([TILE_SIDE - REACH, 0, 0]) {
-            let Some(shares) = tile else {
-                to.fill(1.0);
-                continue;
-            };
-            let codes = &shares.codes_of(row, state)[first..];
-            for at in (0..to.len()).step_by(L::COUNT) {
-                let value = L::load_codes(&codes[at..]);
-                value.at_least(value.mul(doubted).at_most(one)).store(&mut to[at..]);
-            }
-        }
-    }
 }
 
 #[cfg(test)]
@@ -364,6 +308,25 @@ mod tests {
             let again = along_walls().fused(&grid, *index, 0.0).unwrap();
             let is_same = |(a, b): (&f32, &f32)| a.is_nan() && b.is_nan() || (a - b).abs() < 1e-5;
             assert!(again.iter().zip(fused.iter()).all(is_same), "{index:?}");
+        }
+    }
+
+    /// Blocks are touched one by one, all over: of what is as far as REACH no cell may be left out, and of no other tile any.
+    #[test]
+    fn what_may_see_a_block_is_reached() {
+        for (block, tile) in (0..32).flat_map(|block| (0..9).map(move |tile| (block, tile))) {
+            let mut touched = [[0; 3]; 3];
+            touched[tile / 3][tile % 3] = 1 << block;
+            let cells = reached(&touched);
+            let (left, top) =
+                ((tile % 3) as isize * 64 + (block % 4) * 16 - 64, (tile / 3) as isize * 64 + (block / 4) * 8 - 64);
+            let off = |at: isize, first: isize, size: isize| (first - at).max(at - (first + size - 1)).max(0);
+            for (row, column) in (0..64).flat_map(|row| (0..64).map(move |column| (row, column))) {
+                let (across, down) = (off(column, left, 16), off(row, top, 8));
+                let is_reached = cells[row as usize] >> column & 1 == 1;
+                assert!(is_reached || across.max(down) > REACH as isize, "{touched:?} {row} {column}");
+                assert!(!is_reached || across < 32 && down < 24, "{touched:?} {row} {column}");
+            }
         }
     }
 

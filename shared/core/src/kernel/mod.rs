@@ -16,6 +16,7 @@
 
 mod along;
 mod along_walls;
+mod along_walls_pass;
 mod chosen;
 mod fan;
 mod fan_pass;

@@ -252,9 +252,10 @@ fn store<L: Lanes>(
         let [of_front, of_band] =
             [layout.front.between(from.0, pieces.front), layout.band.between(from.1, pieces.band)];
         let (shares, log_odds) = place.states(pieces.index);
-        let begun = at;
+        let (begun, mut touched) = (at, 0);
         for (vector, piece) in (from.0..).zip(of_front) {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
+            touched |= Shares::blocks(first, cells);
             let mut values = states_of::<L>(shares, first);
             wides.move_states(&mut values, responses.of::<L>(vector), L::load(&givens[at..]));
             wides.sum(&values).store(&mut sums[at..]);
@@ -275,12 +276,14 @@ fn store<L: Lanes>(
         store_log_odds::<L>(of_band, &band.log_odds[at_band..], log_odds);
         for piece in of_band {
             let (first, cells) = (usize::from(piece.offset), usize::from(piece.cells));
+            touched |= Shares::blocks(first, cells);
             let row = shares.row_mut(first);
             for (codes, to) in band.codes.iter().zip(row.chunks_mut(TILE_SIDE)) {
                 L::load_codes(&codes[at_band..]).store_codes(cells, &mut to[..SLACK]);
             }
             at_band += cells;
         }
+        shares.touch(touched);
         from = (pieces.front, pieces.band);
     }
 }

@@ -37,6 +37,7 @@ pub(super) fn settle<L: Lanes>(
             if off.are_none_or(L::splat(0.0), L::COUNT) {
                 continue;
             }
+            shares.touch(Shares::blocks(offset, L::COUNT));
             let moved = exp(off.at_most(L::splat(60.0)).at_least(L::splat(-60.0)));
             let row = shares.row_mut(offset);
             for (state, value) in values.iter_mut().enumerate() {

@@ -2,6 +2,7 @@
 
 use super::GridMapper;
 use super::recorders::Recorders;
+use super::shown::ShownLately;
 use crate::config::ConfigError;
 use crate::grid::{Grid, Mark, TileIndex};
 use crate::summary::RunningSummary;
@@ -30,7 +31,7 @@ impl GridMapper {
         }
         self.grid = map;
         self.recorders = Recorders::new(config, &mut self.grid);
-        (self.taken, self.summary) = (Mark::default(), RunningSummary::default());
+        (self.taken, self.lately, self.summary) = (Mark::default(), ShownLately::default(), RunningSummary::default());
         Ok(())
     }
 }

@@ -31,6 +31,7 @@ use crate::summary::RunningSummary;
 use crate::verdict::Verdict;
 use locate::{channel_of, locate};
 use recorders::Recorders;
+use shown::ShownLately;
 
 pub use saving::RestoreError;
 
@@ -78,6 +79,7 @@ pub struct GridMapper {
     /// When its changes were taken last.
     taken: Mark,
     summary: RunningSummary,
+    lately: ShownLately,
     pub(crate) recorders: Recorders,
     /// Of a scan; kept for its memory.
     beams: Vec<(u16, Cone)>,
@@ -104,6 +106,7 @@ impl GridMapper {
             grid,
             taken: Mark::default(),
             summary: RunningSummary::default(),
+            lately: ShownLately::default(),
         })
     }
 

@@ -89,7 +89,7 @@ pub fn why<'a>(
             driven_added += of(grid.log_odds(cell)) - of(before);
         }
     }
-    let (own, shown) = (grid.log_odds(cell), super::shown::tile(&grid, &fuser, cell.tile()));
+    let (own, shown) = (grid.log_odds(cell), super::shown::tile(None, &grid, &fuser, cell.tile()));
     let log_odds = shown.map(|tile| tile.log_odds[cell.offset_in_tile()]).filter(|log_odds| !log_odds.is_nan());
     Ok(Why { log_odds, along_walls_added: of(log_odds) - of(own), driven_over, driven_added, said })
 }
