@@ -7,6 +7,7 @@ mod going_on;
 mod readings;
 mod saving;
 mod trajectory;
+mod unplaced;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -87,6 +88,8 @@ pub struct MapperService {
     /// The map of an earlier drive that is yet to be gone on with, and the number of its last scan once it was.
     earlier: Option<PathBuf>,
     scans_before: u64,
+    /// When it became known where the map lies, until all scans before that have come.
+    placed_ns: Option<u64>,
     /// None unless readings are kept, and somebody said where.
     readings_file: Option<ReadingsFile>,
     /// By the user.
@@ -123,6 +126,7 @@ impl MapperService {
             sonar_counts: Vec::new(),
             earlier: None,
             scans_before: 0,
+            placed_ns: None,
             readings_file: None,
             paused: false,
             scans: 0,
@@ -191,6 +195,7 @@ impl MapperService {
 
     /// Takes in what is left, and tells and saves the map as it is in the end.
     fn finish(&mut self, out: &mut Outbox) -> Result<()> {
+        self.hold_those_without_room(out);
         // What is still not bracketed never will be: those readings have no pose.
         while self.mapper.is_some() && !self.waiting.is_empty() {
             self.integrate_oldest(out);
@@ -211,15 +216,9 @@ impl MapperService {
         file.write(&self.config, kept).map(Some)
     }
 
-    /// Integrates every waiting scan whose poses are known by now. While nothing has said where the map lies they wait, but
-    /// for the oldest of too many.
+    /// Integrates every waiting scan whose poses are known by now.
     fn integrate_bracketed(&mut self, out: &mut Outbox) {
-        if self.trajectory.is_unplaced() {
-            let mut waiting: usize = self.waiting.iter().map(|scan| scan.readings.len()).sum();
-            while waiting > self.config.remap_readings_max as usize {
-                waiting -= self.waiting.front().map_or(0, |scan| scan.readings.len());
-                self.integrate_oldest(out);
-            }
+        if self.waits_for_the_place_of_the_map(out) {
             return;
         }
         while self.waiting.front().is_some_and(|scan| self.trajectory.reaches(scan.end_ns())) {
@@ -249,6 +248,11 @@ impl MapperService {
     }
 
     fn integrate_oldest(&mut self, out: &mut Outbox) {
+        self.take_oldest(false, out);
+    }
+
+    /// Integrates the oldest scan that waits, or holds it.
+    fn take_oldest(&mut self, is_held: bool, out: &mut Outbox) {
         if let Some(Scan { stamp_ns, sequence, .. }) = self.waiting.front() {
             self.rectify(*stamp_ns, self.scans_before + *sequence);
         }
@@ -258,7 +262,7 @@ impl MapperService {
         let Some(mut scan) = self.waiting.pop_front() else { return };
         scan.sequence += self.scans_before;
         self.waited += 1;
-        let verdicts = self.integrate(&scan);
+        let verdicts = self.integrate(&scan, is_held);
         self.trajectory.forget_before(scan.stamp_ns);
         self.scans += 1;
         self.revision = scan.sequence;
@@ -276,7 +280,7 @@ impl MapperService {
     }
 
     /// Takes in a scan: the transducer and the verdict of each of its readings, in their order.
-    fn integrate(&mut self, scan: &Scan) -> Vec<(u16, Verdict)> {
+    fn integrate(&mut self, scan: &Scan, is_held: bool) -> Vec<(u16, Verdict)> {
         let Some(mapper) = self.mapper.as_mut() else { return Vec::new() };
         if let Some(file) = &mut self.readings_file {
             file.begin_scan(scan.sequence, scan.stamp_ns);
@@ -285,7 +289,7 @@ impl MapperService {
         let (mut held, mut judged) = (Vec::with_capacity(scan.readings.len()), Vec::new());
         for reading in &scan.readings {
             let estimate = self.trajectory.at(scan.stamp_ns.saturating_add_signed(i64::from(reading.offset_ns)));
-            let is_held = self.paused || estimate.is_some_and(|(_, hold)| hold);
+            let is_held = self.paused || estimate.is_some_and(|(_, hold)| hold || is_held);
             held.push(is_held);
             if !is_held {
                 judged.push((*reading, estimate.map(|(estimate, _)| estimate)));
@@ -421,7 +425,7 @@ impl Service for MapperService {
                 }
             }
             Input::Message { stamp_ns, message: Message::Estimate(estimate), .. } => {
-                self.trajectory.push(stamp_ns, estimate);
+                self.follow(stamp_ns, estimate);
                 self.go_on()?;
                 self.integrate_bracketed(out);
             }

@@ -33,6 +33,7 @@ struct State {
     /// Whether the map of an earlier drive is yet to be gone on with, and the number of its last scan once it was.
     is_yet_to_go_on: bool,
     scans_before: u64,
+    placed_ns: Option<u64>,
     /// Of the kept readings.
     scans_kept: Option<u64>,
     paused: bool,
@@ -65,6 +66,7 @@ impl MapperService {
             sonar_counts: self.sonar_counts.clone(),
             is_yet_to_go_on: self.earlier.is_some(),
             scans_before: self.scans_before,
+            placed_ns: self.placed_ns,
             scans_kept: self.readings_file.as_mut().map(|file| file.save(parts)),
             paused: self.paused,
             scans: self.scans,
@@ -111,6 +113,7 @@ impl MapperService {
             sonar_counts: state.sonar_counts,
             earlier: self.earlier.take().filter(|_| state.is_yet_to_go_on),
             scans_before: state.scans_before,
+            placed_ns: state.placed_ns,
             paused: state.paused,
             scans: state.scans,
             revision: state.revision,

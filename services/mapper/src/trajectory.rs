@@ -135,6 +135,11 @@ impl Trajectory {
         }
     }
 
+    /// The stamp of the latest estimate, nanoseconds; 0: there is none.
+    pub(crate) fn latest_ns(&self) -> u64 {
+        self.estimates.back().map_or(0, |(stamp_ns, _)| *stamp_ns)
+    }
+
     /// The latest estimate.
     pub(crate) fn latest(&self) -> Option<&PoseEstimate> {
         self.estimates.back().map(|(_, estimate)| estimate)
