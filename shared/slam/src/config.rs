@@ -57,7 +57,7 @@ impl Default for SlamConfig {
             closure_score_min: 0.62,
             closure_margin: 0.05,
             refine_rounds: 3,
-            settle_after_m: 2000.0,
+            settle_after_m: 5000.0,
             sonar_evidence_nat: 0.8,
             sonar_margin_nat: 0.6,
             forbid: Vec::new(),
