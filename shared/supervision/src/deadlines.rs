@@ -225,8 +225,9 @@ impl<P: Process> Supervision<P> {
             let state = process.health.as_ref().map_or(0, |health| health.state as u32);
             ignored |= process.asked > 0 && unit.is_running() && silent <= SILENT_AFTER;
             let stopped_for = process.signs.stopped().map(|since| now.saturating_duration_since(since));
-            // One step may take long, and what it writes to be slow.
+            // One step may take long, and what it writes to be slow; but who was asked to leave and never said a word is in no step.
             at_work |= silent > SILENT_AFTER
+                && (process.asked == 0 || process.is_ready())
                 && match stopped_for {
                     Some(stopped_for) => stopped_for < self.settings.alive_within,
                     None => process.signs.is_excused() || (process.is_ready() && silent < self.settings.alive_within),

@@ -9,6 +9,9 @@ use super::*;
 /// Processes that do nothing by themselves, by their numbers: how they ended, and how often they were asked to.
 type System = Rc<RefCell<BTreeMap<u32, (Option<End>, u32)>>>;
 
+/// A process that always uses the processor.
+const BUSY: u32 = 99;
+
 #[derive(Debug)]
 struct Played {
     number: u32,
@@ -37,7 +40,7 @@ impl Process for Played {
     }
 
     fn usage(&self) -> Option<Usage> {
-        Some(Usage { state: 'S', ..Usage::default() })
+        Some(Usage { state: if self.number == BUSY { 'R' } else { 'S' }, ..Usage::default() })
     }
 }
 
@@ -272,4 +275,26 @@ fn who_waits_for_an_answer_that_is_still_worked_on_is_not_asked_to_leave_before(
     say_of(&mut graph, 3, Some(Topic::LocalizationRequest));
     wait(&mut graph);
     assert_eq!(asked(2), 1);
+}
+
+/// Such as a program of somebody's own that ignores signals, and does something every second.
+#[test]
+fn who_never_said_a_word_and_was_asked_to_leave_keeps_nobody() {
+    for is_asked in [false, true] {
+        let (mut graph, system) = graph(SupervisionConfig::default());
+        graph.started(3, Played { number: BUSY, system: system.clone() });
+        if is_asked {
+            graph.units[3].alive_mut().unwrap().ask_to_stop();
+        }
+        let gets_on: Vec<bool> = (1..4)
+            .map(|_| {
+                let later = graph.now() + Duration::from_secs(5);
+                graph.is_now(later);
+                (0..3).for_each(|index| say(&mut graph, index, ServiceState::Running));
+                graph.look_at_processes(&mut |_| {});
+                graph.gets_on()
+            })
+            .collect();
+        assert_eq!(gets_on[1..], [!is_asked; 2]);
+    }
 }
