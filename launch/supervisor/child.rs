@@ -11,6 +11,7 @@ use anyhow::{Context, Result};
 use echogrid_service::lifeline::LIFELINE_VARIABLE;
 use echogrid_service::logging::{FILTER_VARIABLE, FORMAT_VARIABLE};
 use echogrid_service::plan::{DOMAIN_VARIABLE, GONE_VARIABLE, SERVICE_VARIABLE};
+use echogrid_service::signals::unblock;
 use echogrid_supervision::{End, Process, Usage};
 use nix::sys::signal::{Signal, kill};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, pidfd_open, prlimit, setpriority_process};
@@ -143,7 +144,12 @@ fn command_of(service: &Service) -> Command {
     };
     match (&service.exec, service.speaks) {
         (Exec::Builtin(builtin), _) => own(builtin.name()),
-        (Exec::Path(path), None) => Command::new(path),
+        (Exec::Path(path), None) => {
+            let mut command = Command::new(path);
+            // SAFETY: between fork and exec this sets the mask of the only thread, by one call of the system.
+            unsafe { command.pre_exec(unblock) };
+            command
+        }
         (Exec::Path(path), Some(Speech::Carmen)) => {
             let mut command = own("lines");
             command.arg("--").args(service.replays.then_some(echogrid_lines::REPLAYS)).arg(path);

@@ -11,6 +11,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 
 use anyhow::{Context, Result};
 use echogrid_formats::log::carmen::{PrintedLine, PrintedLines};
+use echogrid_service::signals;
 use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::signal::{Signal, kill};
@@ -193,6 +194,10 @@ pub(crate) fn become_bound(mut arguments: impl Iterator<Item = OsString>) -> Exi
     let bound = nix::sys::prctl::set_pdeathsig(Signal::SIGTERM);
     // Whoever died before that is not told.
     if bound.is_err() || getppid() != Pid::from_raw(parent) {
+        return ExitCode::FAILURE;
+    }
+    // This process was started with what its parent blocks, and is told of its parent's death by one of these signals.
+    if signals::unblock().is_err() {
         return ExitCode::FAILURE;
     }
     let error = Command::new(&program).args(arguments).exec();

@@ -22,6 +22,15 @@ pub fn survive_file_size_limit() {
     let _ = SigSet::from(Signal::SIGXFSZ).thread_block();
 }
 
+/// Lets every signal come: for a process that is about to become another program, which would inherit what is blocked here and never
+/// hear that it is to end. May be called between fork and exec.
+///
+/// # Errors
+/// The system refuses.
+pub fn unblock() -> std::io::Result<()> {
+    Ok(SigSet::empty().thread_set_mask()?)
+}
+
 /// Signals that this process reads instead of being interrupted by.
 #[derive(Debug)]
 pub struct Signals {

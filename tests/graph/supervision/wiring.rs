@@ -28,6 +28,18 @@ fn readers_of_the_tiles_and_onlookers_run_to_the_end_and_change_nothing() {
     assert_eq!(file.map_bytes(), reference(&drive));
 }
 
+/// It has no helper of ours: that it is to leave it hears by a signal, which must not be blocked as it is in the launcher.
+#[test]
+fn a_program_of_ones_own_is_told_by_a_signal_that_the_run_is_over() {
+    let drive = Drive::new(0.5);
+    let file = GraphFile::new(&drive, "maps")
+        .with("[services.idle]\nkind = \"other\"\nexec = \"/bin/sleep\"\nargs = [\"1000\"]");
+    let ended = file.start(&IMPATIENT).wait();
+    assert!(ended.status.success(), "{}", ended.stderr);
+    assert_eq!((ended.restarts(), ended.leftovers()), (0, NOTHING), "{}", ended.stderr);
+    assert_eq!(file.map_bytes(), reference(&drive));
+}
+
 #[test]
 fn a_publisher_that_reads_less_than_it_is_waited_for_is_named_and_nobody_else_is_blamed() {
     let drive = Drive::new(0.5);
