@@ -1,9 +1,11 @@
 //! `echogrid closures`: what SLAM recognised, and with what evidence.
 
 use std::fmt;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use echogrid_formats::open_regular;
 use echogrid_slam::closures::Standing;
 use echogrid_slam::report::{By, Evidence, Report};
 use echogrid_slam_service::CLOSURES_FILE;
@@ -17,7 +19,7 @@ pub(super) fn run(map: &Path, json: bool) -> Result<()> {
 /// Reads what SLAM wrote beside a map: `map` is the folder, the map, or the file itself.
 pub(super) fn read(map: &Path) -> Result<Report> {
     let file = file(map);
-    let text = std::fs::read_to_string(&file).with_context(|| {
+    let text = open_regular(&file).and_then(io::read_to_string).with_context(|| {
         format!("{}: the closures of a map that was made with --slam are expected there", file.display())
     })?;
     serde_json::from_str(&text).with_context(|| format!("{}: expected what `--slam` writes there", file.display()))

@@ -142,7 +142,7 @@ struct Deciding<'a> {
     slam: Option<&'a SlamConfig>,
     localization: &'a LocalizationConfig,
     localizer: toml::Table,
-    mapper: &'a MapperConfig,
+    mapper: toml::Table,
     #[serde(skip_serializing_if = "Option::is_none")]
     simulator: Option<toml::Table>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -305,6 +305,8 @@ impl Config {
         let Self { odometry, localization, mapper, .. } = self;
         let slam = self.does_slam().then_some(&self.slam);
         let localizer = without(&self.localizer, &LocalizerConfig::FILES)?;
+        // How often it is told, which is less while it is recorded, is no part of a map.
+        let mapper = without(mapper, &["tiles_every_s"])?;
         let is_file = self.simulator.world.contains('/');
         let of_files: &[&str] = if is_file { &["record", "world"] } else { &["record"] };
         let simulator = self.simulates().then(|| without(&self.simulator, of_files)).transpose()?;
@@ -312,7 +314,7 @@ impl Config {
     }
 }
 
-/// A section without some of its keys: where files lie decides nothing.
+/// A section without some of its keys, such as where files lie: they decide nothing.
 fn without(section: &impl Serialize, keys: &[&str]) -> Result<toml::Table, ConfigError> {
     let mut table = toml::Table::try_from(section)?;
     table.retain(|key, _| !keys.contains(&key));

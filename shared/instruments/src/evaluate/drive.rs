@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use echogrid_core::{Grid, Pose2, World};
-use echogrid_formats::world;
+use echogrid_formats::{log, world};
 use echogrid_judge::Quality;
 use echogrid_judge::quality::Truth;
 
@@ -63,6 +63,10 @@ pub(super) fn logged(named: &str, align: Align) -> Result<Drive> {
             "--log {named}: expected LOG=WORLD, a log that knows where the robot really was and the world that it drove in"
         );
     };
+    // What can't be read is said now, not after what takes minutes.
+    let survey = log::survey(Path::new(log)).with_context(|| format!("--log {named}"))?;
+    ensure!(survey.true_pose_count > 0, "--log {named}: no true pose in {log}; expected lines TRUEPOS");
+    world::find(Path::new(world)).with_context(|| format!("--log {named}"))?;
     Ok(Drive::Logged { log: log.into(), world: world.into(), align })
 }
 
